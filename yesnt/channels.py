@@ -1,0 +1,69 @@
+"""Registry of every image that the product stores or delivers: one place for names, units and EXR channels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Literal
+
+Pixel = Literal["half", "float"]
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One image quantity.
+
+    Attributes:
+        name: the word used in code and as the array name in the frame store.
+        components: how many planes.
+        dtype: NumPy dtype in the frame store.
+        unit: physical unit or "1".
+        space: colour or vector space, "" where none.
+        low: smallest legal value (None: unbounded).
+        high: largest legal value (None: unbounded).
+        exr: EXR channel names, one per component; empty if it is not delivered.
+        exr_pixel: EXR pixel type.
+    """
+
+    name: str
+    components: int
+    dtype: str
+    unit: str
+    space: str
+    low: float | None
+    high: float | None
+    exr: tuple[str, ...] = ()
+    exr_pixel: Pixel = "half"
+
+
+def _rgb(layer: str) -> tuple[str, ...]:
+    return tuple(f"{layer}.{c}" for c in "RGB")
+
+
+_ALL = (
+    Channel("observed", 2, "float32", "1", "roughness, metallic", 0.0, 1.0),
+    Channel("spread", 2, "float32", "1", "roughness, metallic", 0.0, 0.5,
+            ("roughness_std.Y", "metallic_std.Y")),
+    Channel("flow", 2, "float32", "pixels", "(dx, dy), t -> t+1", None, None),
+    Channel("validity", 1, "float32", "1", "", 0.0, 1.0),
+    Channel("material", 2, "float32", "1", "roughness, metallic", 0.0, 1.0, ("roughness.Y", "metallic.Y")),
+    Channel("base_color", 3, "float32", "1", "lin_rec709", 0.0, 1.0),
+    Channel("diffuse", 3, "float32", "radiance", "lin_rec709", 0.0, None, _rgb("diffuse")),
+    Channel("specular", 3, "float32", "radiance", "lin_rec709", 0.0, None, _rgb("specular")),
+    Channel("shadow", 1, "float32", "1", "", 0.0, 1.0, ("shadow.Y",)),
+    Channel("composite", 4, "float32", "radiance", "lin_rec709, associated alpha", 0.0, None,
+            ("R", "G", "B", "A")),
+    Channel("relit", 4, "float32", "radiance", "lin_rec709, associated alpha", 0.0, None,
+            ("relit.R", "relit.G", "relit.B", "relit.A")),
+    Channel("normal", 3, "float32", "1", "world", -1.0, 1.0, ("N.X", "N.Y", "N.Z")),
+    Channel("z", 1, "float32", "m", "camera +z", 0.0, None, ("depth.Z",), "float"),
+)  # fmt: skip
+
+CHANNELS = MappingProxyType({channel.name: channel for channel in _ALL})
+"""Every channel by name."""
+
+STORED = ("observed", "spread", "flow", "validity", "material", "base_color", "diffuse", "specular", "shadow")
+"""Channels that live in the frame store."""
+
+DELIVERED = ("composite", "relit", "diffuse", "specular", "shadow", "material", "spread", "normal", "z")
+"""Channels that the output EXR carries, in file order."""

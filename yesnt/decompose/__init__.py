@@ -1,0 +1,1 @@
+"""Stochastic intrinsic decomposition: diffusion members over patches (method.md section 3)."""

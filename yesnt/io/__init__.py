@@ -1,0 +1,1 @@
+"""Files and processes: EXR, frame store, records, captures, Blender."""

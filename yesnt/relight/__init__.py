@@ -1,0 +1,1 @@
+"""Physically based relighting under an environment map (method.md section 5)."""

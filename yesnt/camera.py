@@ -81,8 +81,8 @@ class Camera:
                 '{"1001": {"world_from_camera": [16 numbers]}}',
                 "mend it",
             ) from error
-        width, height, *rest = numbers
-        return cls(int(width), int(height), *map(float, rest), poses=MappingProxyType(poses))
+        width, height, fx, fy, cx, cy = numbers
+        return cls(int(width), int(height), float(fx), float(fy), float(cx), float(cy), MappingProxyType(poses))
 
     def pose(self, frame: int | None = None) -> NDArray[np.float64]:
         """`world_from_camera` [4, 4] of a frame; None takes the only or the first pose."""

@@ -1,0 +1,67 @@
+"""Files that are whole or absent: temporary name in the same folder, fsync, rename, fsync of the folder."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from yesnt.faults import fault_point
+
+PARTIAL = ".partial"
+"""Suffix of files that a killed process may leave; they are ignored and swept at the next run."""
+
+
+@contextmanager
+def durable_path(path: Path) -> Iterator[Path]:
+    """Yields a temporary path to write to; on success it becomes `path`, on any error it is removed.
+
+    The name holds the process id, so two processes that race for the same file each rename a whole file of their own.
+    """
+    temporary = path.with_name(f".{path.name}.{os.getpid()}{PARTIAL}")
+    try:
+        yield temporary
+        sync_file(temporary)
+        fault_point(f"{path.suffix.lstrip('.')}.before_rename")
+        os.replace(temporary, path)
+        sync_folder(path.parent)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+def sync_file(path: Path) -> None:
+    """Waits until the file's bytes are on the disk."""
+    with path.open("rb") as stream:
+        os.fsync(stream.fileno())
+
+
+def sync_folder(folder: Path) -> None:
+    """Waits until the folder's entries are on the disk."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def write_bytes(path: Path, data: bytes) -> None:
+    """Writes a whole file durably."""
+    with durable_path(path) as temporary:
+        temporary.write_bytes(data)
+
+
+def write_json(path: Path, document: Any) -> None:
+    """Writes JSON durably, keys sorted, so that equal documents are equal bytes."""
+    write_bytes(path, (json.dumps(document, sort_keys=True, indent=1) + "\n").encode())
+
+
+def sweep_partials(folder: Path) -> int:
+    """Removes what killed processes left below a folder; returns how many files."""
+    litter = [path for path in folder.rglob(f"*{PARTIAL}*") if path.is_file()]
+    for path in litter:
+        path.unlink(missing_ok=True)
+    return len(litter)

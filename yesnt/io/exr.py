@@ -1,0 +1,170 @@
+"""Images on disk: reads every format that OpenImageIO knows, writes EXR with the OpenEXR package.
+
+OpenEXR writes the same bytes for the same picture (OpenImageIO stamps a date) and raises on a full disk (OpenImageIO
+says so only in a return value).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yesnt.errors import CorruptError, JobError
+from yesnt.io.durable import durable_path
+
+MAX_SIDE = 32768
+"""Largest width or height that is read: above any camera's, and a header that claims more is a trap."""
+
+MAX_CHANNELS = 128
+"""Most channels that one image may have."""
+
+EXR_COMPRESSIONS = ("none", "rle", "zips", "zip", "piz")
+"""Lossless compressions that every EXR reader of the field opens."""
+
+
+@dataclass(frozen=True)
+class ImageHeader:
+    """What a file says of its picture, read without its pixels."""
+
+    path: str
+    width: int
+    height: int
+    channels: tuple[str, ...]
+    attributes: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class ExrImage:
+    """A picture: planes `[H, W]` float32 by channel name, and the header's attributes."""
+
+    channels: Mapping[str, NDArray[np.float32]]
+    header: ImageHeader
+
+    def stack(self, names: Sequence[str]) -> NDArray[np.float32]:
+        """The named channels as `[H, W, C]`.
+
+        Raises:
+            JobError: a channel is absent.
+        """
+        absent = [name for name in names if name not in self.channels]
+        if absent:
+            raise JobError(
+                f"The image has no channel {', '.join(absent)}",
+                self.header.path,
+                f"channels {', '.join(names)}; it has {', '.join(self.channels)}",
+                "export it with these channels, or name the right ones in the job file",
+            )
+        return np.stack([self.channels[name] for name in names], axis=-1)
+
+
+def read_header(path: str | Path) -> ImageHeader:
+    """Reads a header; refuses pictures whose claimed size is absurd before any memory is taken.
+
+    Raises:
+        JobError: the file is missing, is not an image, or claims more than `MAX_SIDE` or `MAX_CHANNELS`.
+    """
+    source = _open(path)
+    try:
+        return _header(source, path)
+    finally:
+        source.close()
+
+
+def read_image(path: str | Path) -> ExrImage:
+    """Reads every channel of the first part as float32, values as stored (no colour conversion).
+
+    Raises:
+        JobError: as `read_header`, or the pixels are truncated or damaged.
+    """
+    import OpenImageIO as oiio
+
+    source = _open(path)
+    try:
+        header = _header(source, path)
+        pixels = source.read_image(oiio.FLOAT)
+        problem = source.geterror()
+    finally:
+        source.close()
+    if pixels is None or problem:
+        raise JobError(
+            f"The image is damaged or cut short ({problem.splitlines()[0] if problem else 'no pixels'})",
+            str(path),
+            f"{header.width}x{header.height} pixels, {len(header.channels)} channels",
+            "copy or export this file again",
+        )
+    planes = np.asarray(pixels, dtype=np.float32).reshape(header.height, header.width, len(header.channels))
+    return ExrImage({n: np.ascontiguousarray(planes[..., i]) for i, n in enumerate(header.channels)}, header)
+
+
+read_exr = read_image
+
+
+def write_exr(
+    path: Path,
+    channels: Mapping[str, NDArray[np.floating]],
+    attributes: Mapping[str, Any] | None = None,
+    compression: str = "zip",
+) -> None:
+    """Writes one part, atomically, and reads it back before it gets its name.
+
+    Args:
+        path: final name.
+        channels: `[H, W]` planes, float16 (half) or float32 (float).
+        attributes: extra header attributes; equal attributes and pixels give equal bytes.
+        compression: one of `EXR_COMPRESSIONS`.
+
+    Raises:
+        ValueError: an unknown compression.
+        CorruptError: what was read back is not what was written.
+        OSError, RuntimeError: the disk refused.
+    """
+    import OpenEXR
+
+    if compression not in EXR_COMPRESSIONS:
+        raise ValueError(f"compression={compression!r} must be one of {EXR_COMPRESSIONS}")
+    header = {
+        "compression": getattr(OpenEXR, f"{compression.upper().replace('NONE', 'NO')}_COMPRESSION"),
+        "type": OpenEXR.scanlineimage,
+        **(attributes or {}),
+    }
+    planes = {name: np.ascontiguousarray(plane) for name, plane in channels.items()}
+    with durable_path(path) as temporary:
+        with OpenEXR.File(header, planes) as target:
+            target.write(str(temporary))
+        with OpenEXR.File(str(temporary), separate_channels=True) as written:
+            back = {name: channel.pixels for name, channel in written.channels().items()}
+        for name, plane in planes.items():
+            if name not in back or not np.array_equal(back[name].view(np.uint8), plane.view(np.uint8)):
+                raise CorruptError(
+                    f"Channel {name} did not read back as written", str(path), "equal bits", "check the disk"
+                )
+
+
+def _open(path: str | Path) -> Any:
+    import OpenImageIO as oiio
+
+    if not Path(path).is_file():
+        raise JobError("The image is missing", str(path), "a readable file", "check the path and the frame range")
+    source = oiio.ImageInput.open(str(path))
+    if source is None:
+        problem = (oiio.geterror() or "unknown format").splitlines()[0]
+        raise JobError(f"The image cannot be opened ({problem})", str(path), "an EXR, PNG or JPEG", "export it again")
+    return source
+
+
+def _header(source: Any, path: str | Path) -> ImageHeader:
+    spec = source.spec()
+    if not (0 < spec.width <= MAX_SIDE and 0 < spec.height <= MAX_SIDE and 0 < spec.nchannels <= MAX_CHANNELS):
+        raise JobError(
+            f"The header claims {spec.width}x{spec.height} pixels and {spec.nchannels} channels",
+            str(path),
+            f"at most {MAX_SIDE}x{MAX_SIDE} and {MAX_CHANNELS} channels",
+            "this file is damaged or hostile: export it again",
+        )
+    attributes = {attribute.name: attribute.value for attribute in spec.extra_attribs}
+    return ImageHeader(str(path), spec.width, spec.height, tuple(spec.channelnames), attributes)

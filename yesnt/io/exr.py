@@ -134,7 +134,7 @@ def write_exr(
     }
     planes = {name: np.ascontiguousarray(plane) for name, plane in channels.items()}
     with durable_path(path) as temporary:
-        with OpenEXR.File(header, planes) as target:
+        with OpenEXR.File(header, dict(planes)) as target:  # it replaces the values of its argument
             target.write(str(temporary))
         with OpenEXR.File(str(temporary), separate_channels=True) as written:
             back = {name: channel.pixels for name, channel in written.channels().items()}

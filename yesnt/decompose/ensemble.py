@@ -1,0 +1,191 @@
+"""K diffusion members of a frame, their mean and their spread (method.md section 3)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from yesnt.decompose.backend import Backend
+from yesnt.decompose.blend import Patch, PatchGrid, PatchSum
+from yesnt.decompose.noise_planes import member_noise
+from yesnt.decompose.settings import EnsembleSettings
+
+Float32 = NDArray[np.float32]
+
+LARGEST_STD = 0.5
+"""The largest population standard deviation of a quantity in [0, 1]."""
+
+_MEMORY_FOR_MEMBERS = 256 << 20
+"""Bytes for members that are in memory together, at least one; a patch is encoded once for all of them."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What the ensemble says of a frame; planes are (roughness, metallic).
+
+    Attributes:
+        mean: [2, H, W] in [0, 1], 0 outside the matte.
+        std: [2, H, W] population standard deviation over members, in [0, 0.5], 0 outside the matte.
+        evaluations: [H, W] network evaluations that went into each pixel, blended as the members are.
+        total_evaluations: network evaluations of the frame (rows of batches without padding, encoding apart).
+    """
+
+    mean: Float32
+    std: Float32
+    evaluations: Float32
+    total_evaluations: int
+
+
+def confidence(std: Float32, divisor: float = LARGEST_STD) -> Float32:
+    """1 - clip(std / divisor, 0, 1) (method.md section 3), any shape."""
+    return (1 - np.clip(std / divisor, 0, 1)).astype(np.float32)
+
+
+def decompose_frame(
+    rgb: Float32, matte: Float32, backend: Backend, settings: EnsembleSettings, seed: int, frame: int
+) -> tuple[Float32, Float32]:
+    """Mean and standard deviation of `estimate_frame`."""
+    estimate = estimate_frame(rgb, matte, backend, settings, seed, frame)
+    return estimate.mean, estimate.std
+
+
+def estimate_frame(
+    rgb: Float32, matte: Float32, backend: Backend, settings: EnsembleSettings, seed: int, frame: int
+) -> Estimate:
+    """Draws the members of a frame patch by patch, blends each, then takes mean and population std over them.
+
+    Args:
+        rgb: [H, W, 3] linear Rec.709, straight.
+        matte: [H, W] coverage; patches without any are skipped.
+        backend: the sampler.
+        settings: members, overlap, tolerance.
+        seed: the job's seed.
+        frame: frame number as delivered.
+
+    Returns:
+        The estimate; the same bits for any order of patches, worker, restart or number of threads.
+
+    Raises:
+        ValueError: shapes disagree, or rgb is not finite inside the matte.
+    """
+    picture = _Picture.prepare(rgb, matte, backend, settings)
+    height, width = matte.shape
+    moments = _Moments(picture.grid.height, picture.grid.width)
+    active, total = picture.grid.covering(picture.matte), 0
+    at_once = max(1, _MEMORY_FOR_MEMBERS // (4 * (len(backend.noise_sigmas) + 2) * picture.matte.size))
+    for members in settings.rounds():
+        active = _unsettled(picture.grid, active, picture.matte, moments, settings.tolerance)
+        for start in range(members.start, members.stop, at_once):
+            block = range(start, min(start + at_once, members.stop))
+            noises = [
+                member_noise((seed, frame, k), picture.grid.height, picture.grid.width, backend.noise_sigmas)
+                for k in block
+            ]
+            for value, weight in _draw(picture, active, noises, backend):
+                moments.update(value, weight)
+        total += len(active) * len(members) * backend.evaluations
+    mean, std = moments.mean_and_std()
+    inside = picture.matte > 0
+    planes = np.stack([*mean, *std, moments.weight * backend.evaluations]) * inside
+    planes = np.ascontiguousarray(planes[:, :height, :width], dtype=np.float32)
+    return Estimate(planes[0:2], planes[2:4], planes[4], total)
+
+
+@dataclass(frozen=True)
+class _Picture:
+    """A frame padded to at least one patch: rgb [3, H, W], matte [H, W]."""
+
+    grid: PatchGrid
+    rgb: Float32
+    matte: Float32
+
+    @classmethod
+    def prepare(cls, rgb: Float32, matte: Float32, backend: Backend, settings: EnsembleSettings) -> _Picture:
+        if rgb.shape != (*matte.shape, 3):
+            raise ValueError(f"rgb {rgb.shape} must be [H, W, 3] of the matte's [H, W] {matte.shape}")
+        inside = matte > 0
+        if not np.isfinite(rgb[inside]).all():
+            raise ValueError("rgb holds NaN or Inf inside the matte")
+        grid = PatchGrid.cover(matte.shape[0], matte.shape[1], backend.patch, settings.overlap)
+        pad = ((0, grid.height - matte.shape[0]), (0, grid.width - matte.shape[1]))
+        clean = np.where(inside[..., None], rgb, 0).astype(np.float32)
+        return cls(grid, np.pad(clean.transpose(2, 0, 1), ((0, 0), *pad)), np.pad(matte.astype(np.float32), pad))
+
+
+class _Moments:
+    """Weighted mean and sum of squares per pixel, member by member (West 1979, the weighted form of Welford's)."""
+
+    def __init__(self, height: int, width: int) -> None:
+        self.weight = np.zeros((height, width))
+        self._mean = np.zeros((2, height, width))
+        self._squares = np.zeros((2, height, width))
+
+    def update(self, value: Float32, weight: Float32) -> None:
+        """Adds a member: value [2, H, W], weight [H, W] in [0, 1], the share of windows that hold this member."""
+        self.weight += weight
+        share = np.divide(weight, self.weight, out=np.zeros_like(self.weight), where=self.weight > 0)
+        delta = value - self._mean
+        self._mean += share * delta
+        self._squares += weight * delta * (value - self._mean)
+
+    def mean_and_std(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Mean and population standard deviation, [2, H, W] each; 0 where there is no member."""
+        safe = np.where(self.weight > 0, self.weight, 1)
+        return self._mean, np.sqrt(np.maximum(self._squares, 0) / safe)
+
+    def standard_error(self) -> NDArray[np.float64]:
+        """[2, H, W] standard error of the mean, from the unbiased variance; needs at least two members."""
+        _, std = self.mean_and_std()
+        return std / np.sqrt(np.maximum(self.weight - 1, 1e-9))
+
+
+def _unsettled(
+    grid: PatchGrid, active: Sequence[Patch], matte: Float32, moments: _Moments, tolerance: float
+) -> tuple[Patch, ...]:
+    """The patches whose standard error (root mean square over the matte, the worse plane) exceeds the tolerance."""
+    if not moments.weight.any() or tolerance == 0:
+        return tuple(active)
+    square = moments.standard_error() ** 2
+    kept = []
+    for patch in active:
+        inside = grid.crop(matte, patch)
+        mean_square = (grid.crop(square, patch) * inside).sum((1, 2)) / inside.sum()
+        if mean_square.max() > tolerance**2:
+            kept.append(patch)
+    return tuple(kept)
+
+
+def _draw(
+    picture: _Picture, patches: Sequence[Patch], noises: Sequence[Float32], backend: Backend
+) -> Iterator[tuple[Float32, Float32]]:
+    """Blended members: yields (value [2, H, W], weight [H, W]) for every noise field."""
+    grid = picture.grid
+    sums = [PatchSum(grid, 2) for _ in noises]
+    weights = PatchSum(grid, 1)
+    for start in range(0, len(patches), backend.batch):
+        chosen = patches[start : start + backend.batch]
+        condition = backend.encode(
+            _batch(grid, picture.rgb, chosen, backend.batch), _batch(grid, picture.matte[None], chosen, backend.batch)
+        )
+        for noise, member in zip(noises, sums, strict=True):
+            values = backend.sample(condition, _batch(grid, noise, chosen, backend.batch)).numpy(force=True)
+            for patch, value in zip(chosen, values, strict=False):
+                member.add(patch, np.clip(value, 0, 1))
+        for patch in chosen:
+            weights.add(patch, np.ones((1, grid.size, grid.size), np.float32))
+    weight = weights.value()[0]
+    safe = np.where(weight > 0, weight, np.float32(1))
+    for member in sums:
+        yield (member.value() / safe).astype(np.float32), weight
+
+
+def _batch(grid: PatchGrid, image: Float32, patches: Sequence[Patch], rows: int) -> torch.Tensor:
+    """Crops [rows, C, P, P]; the last batch is padded with zeros to the one fixed shape."""
+    batch = np.zeros((rows, image.shape[0], grid.size, grid.size), dtype=np.float32)
+    for row, patch in enumerate(patches):
+        batch[row] = grid.crop(image, patch)
+    return torch.from_numpy(batch)

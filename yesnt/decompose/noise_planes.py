@@ -1,0 +1,45 @@
+"""Noise of one ensemble member on the whole frame, at several spatial scales."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from yesnt.noise import noise_field
+
+Float32 = NDArray[np.float32]
+
+
+def member_noise(key: tuple[int, int, int], height: int, width: int, sigmas: tuple[float, ...]) -> Float32:
+    """Standard normal planes of one member; patches crop them.
+
+    White noise alone would tell neighbouring patches nothing in common about what a whole garment is made of: they
+    would choose apart and their blend would lose spread. Smooth planes of the same frame-wide field let them agree.
+
+    Args:
+        key: (job seed, frame, member).
+        height: rows.
+        width: columns.
+        sigmas: one per plane: Gaussian blur in pixels, 0 for white.
+
+    Returns:
+        [len(sigmas), H, W] float32, every value N(0, 1); the blur is periodic, hence stationary up to the border.
+    """
+    seed, frame, member = key
+    planes = noise_field(seed, frame, member, height, width, len(sigmas))
+    for plane, sigma in zip(planes, sigmas, strict=True):
+        if sigma > 0:
+            plane[...] = _blurred_to_unit_variance(plane, sigma)
+    return planes
+
+
+def _blurred_to_unit_variance(plane: Float32, sigma: float) -> Float32:
+    height, width = plane.shape
+    rows = np.exp(-2 * (np.pi * sigma * scipy.fft.fftfreq(height)) ** 2)
+    columns = np.exp(-2 * (np.pi * sigma * scipy.fft.fftfreq(width)) ** 2)
+    # Parseval: white noise of variance 1 keeps the mean of the squared transfer function as its variance.
+    gain = 1 / np.sqrt(np.mean(rows**2) * np.mean(columns**2))
+    spectrum = scipy.fft.rfft2(plane.astype(np.float64))
+    spectrum *= gain * rows[:, None] * columns[None, : spectrum.shape[1]]
+    return scipy.fft.irfft2(spectrum, s=plane.shape).astype(np.float32)

@@ -1,0 +1,46 @@
+"""Parameters of the ensemble: light to import, so that a job can be checked and planned without a network."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+
+@dataclass(frozen=True)
+class EnsembleSettings:
+    """How many members are drawn and where.
+
+    Attributes:
+        samples: members K; with a tolerance, the most that a patch may get.
+        overlap: least overlap of neighbouring patches, as a fraction of the patch's side, in [0, 1).
+        tolerance: standard error of the mean (roughness or metallic, 1 = full range) at which a patch gets no more
+            members; 0 draws all K everywhere.
+        first: members drawn before the tolerance is looked at; then the number is doubled in every round.
+    """
+
+    samples: int = 8
+    overlap: float = 0.25
+    tolerance: float = 0.0
+    first: int = 2
+
+    def __post_init__(self) -> None:
+        """Refuses what has no meaning.
+
+        Raises:
+            ValueError: a field is out of its range.
+        """
+        if self.samples < 1 or self.first < 2:
+            raise ValueError(f"samples {self.samples} must be at least 1 and first {self.first} at least 2")
+        if not 0 <= self.overlap < 1:
+            raise ValueError(f"overlap {self.overlap} must be in [0, 1)")
+        if self.tolerance < 0:
+            raise ValueError(f"tolerance {self.tolerance} must not be negative")
+
+    def rounds(self) -> tuple[range, ...]:
+        """Member numbers of every round: all in one without a tolerance, else 2, 2, 4, 8, ... of them."""
+        if self.tolerance == 0:
+            return (range(self.samples),)
+        edges = [0, min(self.first, self.samples)]
+        while edges[-1] < self.samples:
+            edges.append(min(2 * edges[-1], self.samples))
+        return tuple(range(a, b) for a, b in pairwise(edges))

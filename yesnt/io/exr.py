@@ -150,7 +150,9 @@ def _open(path: str | Path) -> Any:
 
     if not Path(path).is_file():
         raise JobError("The image is missing", str(path), "a readable file", "check the path and the frame range")
-    source = oiio.ImageInput.open(str(path))
+    straight = oiio.ImageSpec()
+    straight.attribute("oiio:UnassociatedAlpha", 1)  # PNG keeps the alpha it was written with
+    source = oiio.ImageInput.open(str(path), straight)
     if source is None:
         problem = (oiio.geterror() or "unknown format").splitlines()[0]
         raise JobError(f"The image cannot be opened ({problem})", str(path), "an EXR, PNG or JPEG", "export it again")

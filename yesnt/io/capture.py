@@ -1,0 +1,161 @@
+"""Reads a shot's pictures: straight linear colour, matte, world normals, planar z (method.md section 1)."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yesnt.camera import Camera
+from yesnt.color import srgb_decode, straighten
+from yesnt.errors import JobError
+from yesnt.io.exr import ExrImage, read_image
+from yesnt.io.jobfile import frame_path
+from yesnt.shot import Job, PlateInput
+
+MISS_Z = 1e9
+"""Planar depth at or beyond this, or at most 0, or not finite, means "nothing was hit" (Blender writes 1e10)."""
+
+
+@dataclass(frozen=True)
+class Plate:
+    """One captured picture.
+
+    Attributes:
+        color: [H, W, 3] straight, linear Rec.709, >= 0; 0 where the matte is 0.
+        matte: [H, W] coverage in [0, 1].
+        clamped: how many negative values were set to 0.
+    """
+
+    color: NDArray[np.float32]
+    matte: NDArray[np.float32]
+    clamped: int = 0
+
+
+@dataclass(frozen=True)
+class Surface:
+    """What the G-buffer says: `normal` [H, W, 3] world, unit or 0 where absent; `z` [H, W] metres, 0 on a miss."""
+
+    normal: NDArray[np.float32]
+    z: NDArray[np.float32]
+
+
+def read_plate(job: Job, frame: int) -> Plate:
+    """The plate of a frame."""
+    return _plate(job, job.shot.plate, frame)
+
+
+def read_background(job: Job, frame: int) -> NDArray[np.float32] | None:
+    """The background of a frame as associated linear colour [H, W, 3], or None if the job names none."""
+    if job.shot.background is None:
+        return None
+    plate = _plate(job, job.shot.background, frame)
+    return plate.color * plate.matte[..., None]
+
+
+def read_surface(job: Job, frame: int, camera: Camera) -> Surface:
+    """The G-buffer of a frame, normals in world space."""
+    spec = job.shot.gbuffer
+    image = read_image(frame_path(job.root, spec.path, frame))
+    _check_size(job, image)
+    z = image.stack([spec.z])[..., 0]
+    normal = image.stack([f"{spec.normal}.{axis}" for axis in "XYZ"])
+    _refuse_nan(np.isnan(z), image.header.path, spec.z)
+    _refuse_nan(~np.isfinite(normal), image.header.path, spec.normal)
+    if spec.normal_space == "camera":
+        normal = normal @ camera.pose(frame)[:3, :3].T.astype(np.float32)
+    length = np.linalg.norm(normal, axis=-1, keepdims=True)
+    normal = np.where(length > 0, normal / np.where(length > 0, length, 1), 0)
+    hit = np.isfinite(z) & (z > 0) & (z < MISS_Z)
+    return Surface(normal.astype(np.float32), np.where(hit, z, 0).astype(np.float32))
+
+
+def read_passes(job: Job, frame: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Roughness and metallic made elsewhere, and their spread where the file has it: two [2, H, W] in [0, 1]."""
+    pattern = job.shot.decompose.path
+    assert pattern is not None
+    image = read_image(frame_path(job.root, pattern, frame))
+    _check_size(job, image)
+    mean = image.stack(["roughness.Y", "metallic.Y"]).transpose(2, 0, 1)
+    _refuse_nan(~np.isfinite(mean), image.header.path, "roughness.Y, metallic.Y")
+    names = ("roughness_std.Y", "metallic_std.Y")
+    known = all(name in image.channels for name in names)
+    spread = image.stack(names).transpose(2, 0, 1) if known else np.zeros_like(mean)
+    return np.clip(mean, 0, 1), np.clip(np.nan_to_num(spread), 0, 0.5)
+
+
+def read_flow(job: Job, frame: int) -> NDArray[np.float32]:
+    """Precomputed flow of a frame to the next: [H, W, 2] pixels (dx, dy), x right, y down."""
+    pattern = job.shot.flow.path
+    assert pattern is not None
+    image = read_image(frame_path(job.root, pattern, frame))
+    _check_size(job, image)
+    flow = image.stack(["forward.u", "forward.v"])
+    _refuse_nan(~np.isfinite(flow), image.header.path, "forward.u, forward.v")
+    return flow
+
+
+def read_radiance(path: Path) -> tuple[NDArray[np.float32], int]:
+    """An env map as it lies in its file: [h, w, 3] radiance and how many negative values were set to 0.
+
+    Raises:
+        JobError: not an RGB picture, or NaN or Inf in it.
+    """
+    image = read_image(path)
+    if not all(c in image.channels for c in "RGB"):
+        raise JobError("The env map has no R, G, B", str(path), "a lat-long EXR or HDR", "export it again")
+    radiance = image.stack("RGB")
+    _refuse_nan(~np.isfinite(radiance), str(path), "R, G, B")
+    negative = radiance < 0
+    return np.where(negative, 0, radiance), int(negative.sum())
+
+
+def file_digest(path: Path) -> str:
+    """BLAKE2b-128 of a file's bytes, hexadecimal."""
+    try:
+        with path.open("rb") as stream:
+            return hashlib.file_digest(stream, lambda: hashlib.blake2b(digest_size=16)).hexdigest()
+    except FileNotFoundError as error:
+        raise JobError(
+            "A file is missing", str(path), "a readable file", "check the path and the frame range"
+        ) from error
+
+
+def _plate(job: Job, spec: PlateInput, frame: int) -> Plate:
+    image = read_image(frame_path(job.root, spec.path, frame))
+    _check_size(job, image)
+    color = image.stack("RGB")
+    matte = image.channels.get("A", np.ones(color.shape[:2], np.float32))
+    _refuse_nan(~np.isfinite(color).all(-1) | ~np.isfinite(matte), image.header.path, "R, G, B, A")
+    negative = color < 0
+    color = np.where(negative, 0, color)
+    matte = np.clip(matte, 0, 1)
+    # A display-referred picture is encoded before its alpha is associated; scene-linear EXRs are associated.
+    straight = srgb_decode(color).astype(np.float32) if spec.colorspace == "srgb" else straighten(color, matte)
+    straight = np.where(matte[..., None] > 0, straight, 0).astype(np.float32)
+    return Plate(straight, matte.astype(np.float32), int(negative.sum()))
+
+
+def _check_size(job: Job, image: ExrImage) -> None:
+    if (image.header.width, image.header.height) != (job.width, job.height):
+        raise JobError(
+            f"The picture is {image.header.width}x{image.header.height}",
+            image.header.path,
+            f"{job.width}x{job.height}, as camera.json says",
+            "render every input at one size",
+        )
+
+
+def _refuse_nan(bad: NDArray[np.bool_], where: str, channels: str) -> None:
+    count = int(bad.sum())
+    if count:
+        y, x = (int(v[0]) for v in np.nonzero(bad)[:2])
+        raise JobError(
+            f"{count} values are NaN or Inf in {channels}",
+            f"{where}, first at x={x} y={y}",
+            "finite numbers",
+            "mend this picture",
+        )

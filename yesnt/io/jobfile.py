@@ -1,0 +1,136 @@
+"""Reads `shot.yaml`: safe YAML, exact types, errors with the line and the fix; resolves paths and frame ranges."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import ValidationError
+
+from yesnt.errors import JobError, UsageError
+from yesnt.shot import Shot
+
+MAX_JOB_BYTES = 1 << 20
+MAX_FRAMES = 1_000_000
+
+
+def load_shot(path: Path) -> Shot:
+    """Reads and validates a job file.
+
+    Raises:
+        JobError: not readable, not plain YAML, or a key is unknown, absent or of a wrong type; names the line.
+    """
+    text = _read_text(path)
+    try:
+        node = yaml.compose(text, Loader=yaml.SafeLoader)
+        data = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f"{path}, line {mark.line + 1}" if mark else str(path)
+        raise JobError(
+            f"The job file is not plain YAML ({getattr(error, 'problem', error)})",
+            where,
+            "mappings and scalars, no tags",
+            "mend it",
+        ) from error
+    try:
+        return Shot.model_validate(data)
+    except ValidationError as error:
+        raise _job_error(path, node, error) from error
+
+
+def parse_frames(text: str, where: str) -> tuple[int, ...]:
+    """A frame range such as `1001-1010x2,1020` as ascending numbers.
+
+    Raises:
+        UsageError: the text is no range, repeats a frame, or holds more than `MAX_FRAMES`.
+    """
+    from fileseq import FrameSet
+    from fileseq.exceptions import FileSeqException
+
+    problem: object = "no frames"
+    try:
+        frames = tuple(int(f) for f in FrameSet(text))
+    except (FileSeqException, ValueError, TypeError, OverflowError) as error:
+        frames, problem = (), error
+    if not frames or len(frames) > MAX_FRAMES:
+        reason = str(problem).splitlines()[0].rstrip(": ")
+        raise UsageError(
+            f"The frame range {text!r} cannot be used ({reason})", where, "1001-1024 or 1001-1010x2,1020", "mend it"
+        )
+    return tuple(sorted(frames))
+
+
+@lru_cache(maxsize=64)
+def _sequence(pattern: str) -> Any:
+    from fileseq import FileSequence
+    from fileseq.constants import PAD_STYLE_HASH1  # '####' is four digits, as in Nuke and RV
+
+    return FileSequence(pattern, pad_style=PAD_STYLE_HASH1)
+
+
+def has_frame_number(pattern: str) -> bool:
+    """Whether a path has a place for a frame number (####, %04d, @@@@, $F4)."""
+    return bool(_sequence(pattern).padding())
+
+
+def frame_path(root: str | Path, pattern: str, frame: int) -> Path:
+    """The file of one frame; a pattern without a frame number is the same file for every frame."""
+    name = _sequence(pattern).frame(frame) if has_frame_number(pattern) else pattern
+    return Path(os.path.expanduser(root)) / os.path.expanduser(str(name))
+
+
+def _read_text(path: Path) -> str:
+    try:
+        if path.stat().st_size > MAX_JOB_BYTES:
+            raise JobError(
+                "The job file is too large", str(path), f"at most {MAX_JOB_BYTES} bytes", "is this a job file?"
+            )
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        raise JobError("The job file is missing", str(path), "a shot.yaml", "`yesnt init DIR` writes one") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise JobError(f"The job file cannot be read ({error})", str(path), "UTF-8 text", "check the file") from error
+
+
+def _job_error(path: Path, node: Any, error: ValidationError) -> JobError:
+    """The most telling problem that pydantic found, with the line where it stands."""
+    # An unknown key is told first: it is most often the misspelling behind an absent one.
+    problem = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
+    location = [part for part in problem["loc"] if isinstance(part, str | int)]
+    line = _line(node, location)
+    key = ".".join(str(part) for part in location) or "the whole file"
+    kind = problem["type"]
+    if kind == "extra_forbidden":
+        return JobError(
+            f"Unknown key {key!r}", f"{path}, line {line}", "a key of the job file", "check its spelling or remove it"
+        )
+    if kind == "missing":
+        return JobError(f"The key {key!r} is absent", f"{path}, line {line}", "it is required", "add it")
+    return JobError(
+        f"The value of {key!r} cannot be used: {problem['msg']}",
+        f"{path}, line {line}",
+        f"see the message; got {problem['input']!r}",
+        "mend it",
+    )
+
+
+def _line(node: Any, location: Sequence[str | int]) -> int:
+    """1-based line of the deepest existing node on the way to a location."""
+    line = node.start_mark.line if node is not None else 0
+    for part in location:
+        if isinstance(node, yaml.MappingNode):
+            found = next(((k, v) for k, v in node.value if k.value == str(part)), None)
+            if found is None:
+                break
+            line, node = found[0].start_mark.line, found[1]
+        elif isinstance(node, yaml.SequenceNode) and isinstance(part, int) and part < len(node.value):
+            node = node.value[part]
+            line = node.start_mark.line
+        else:
+            break
+    return int(line) + 1

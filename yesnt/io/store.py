@@ -1,0 +1,144 @@
+"""The frame store: one Zarr v3 array a channel, one shard a frame, one writer a shard.
+
+Zarr cannot tell a frame that was computed from one that was lost: a missing or empty shard reads as fill value, and two
+swapped shards pass every checksum. So a frame counts as done only if its record says so (io/records.py), and every read
+is checked against the digest in that record.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zarr
+from numpy.typing import NDArray
+from zarr.codecs import BytesCodec, Crc32cCodec, ZstdCodec
+from zarr.storage import LocalStore
+
+from yesnt.channels import CHANNELS
+from yesnt.errors import CorruptError
+from yesnt.io.durable import write_bytes
+
+_INNER = 256
+"""Side of the inner chunks: a solver reads bands of rows without decoding whole frames."""
+
+
+class DurableStore(LocalStore):
+    """A local store whose files survive a power cut: Zarr's own renames atomically but never syncs."""
+
+    async def set(self, key: str, value: Any) -> None:
+        """Writes one value whole, synced, before it gets its name."""
+        path = Path(self.root) / key
+        path.parent.mkdir(parents=True, exist_ok=True)
+        await asyncio.to_thread(write_bytes, path, value.to_bytes())
+
+
+class FrameStore:
+    """Reads and writes whole frames by channel and position in the sequence.
+
+    Args:
+        path: folder of the store (`store.zarr`).
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+
+    @cached_property
+    def _group(self) -> zarr.Group:
+        return zarr.open_group(DurableStore(self.path), mode="r+")
+
+    @classmethod
+    def create(cls, path: Path, arrays: dict[str, str], length: int, height: int, width: int) -> FrameStore:
+        """Lays the store out before any task runs; arrays that exist in this form are kept.
+
+        Args:
+            path: folder.
+            arrays: array name -> channel name (`solve.0` holds the channel `material`).
+            length: frames.
+            height: rows.
+            width: columns.
+        """
+        group = zarr.open_group(DurableStore(path), mode="a")
+        for name, channel_name in arrays.items():
+            channel = CHANNELS[channel_name]
+            shape = (length, channel.components, height, width)
+            if name in group and getattr(group[name], "shape", None) == shape:
+                continue
+            group.create_array(
+                name,
+                shape=shape,
+                dtype=channel.dtype,
+                shards=(1, channel.components, _ceil(height), _ceil(width)),
+                chunks=(1, 1, _INNER, _INNER) if min(height, width) >= _INNER else (1, 1, _ceil(height), _ceil(width)),
+                serializer=BytesCodec(endian="little"),
+                compressors=(ZstdCodec(level=1), Crc32cCodec()),
+                fill_value=float("nan"),
+                config={"write_empty_chunks": True},
+                dimension_names=("frame", "component", "y", "x"),
+                attributes={"unit": channel.unit, "space": channel.space},
+                overwrite=True,
+            )
+        return cls(path)
+
+    def write(self, name: str, position: int, frame: NDArray[np.floating]) -> str:
+        """Writes one whole frame `[C, H, W]`, reads it back and returns its digest.
+
+        Raises:
+            ValueError: the shape is not a whole frame of this array.
+            CorruptError: what was read back differs.
+        """
+        array = self._group[name]
+        assert isinstance(array, zarr.Array)
+        if frame.shape != array.shape[1:]:
+            raise ValueError(f"{name}[{position}]: frame {frame.shape} is not a whole frame {array.shape[1:]}")
+        values = np.ascontiguousarray(frame, dtype=array.dtype)
+        array[position] = values
+        digest = array_digest(values)
+        self.read(name, position, digest)
+        return digest
+
+    def read(self, name: str, position: int, digest: str | None = None) -> NDArray[np.float32]:
+        """Reads one frame `[C, H, W]`; with a digest, proves that it is the one that was committed.
+
+        Raises:
+            CorruptError: damaged, lost, or another frame's bytes.
+        """
+        array = self._group[name]
+        assert isinstance(array, zarr.Array)
+        try:
+            values = np.asarray(array[position])
+        except (ValueError, RuntimeError, OSError) as error:
+            raise _corrupt(self.path, name, position, str(error)) from error
+        if digest is not None and array_digest(values) != digest:
+            raise _corrupt(self.path, name, position, "its content is not what was committed")
+        return values
+
+    def shard_path(self, name: str, position: int) -> Path:
+        """The file that holds one frame."""
+        return self.path / name / "c" / str(position) / "0" / "0" / "0"
+
+
+def array_digest(values: NDArray[Any]) -> str:
+    """BLAKE2b-128 over shape, type and bytes of a decoded array, hexadecimal."""
+    values = np.ascontiguousarray(values)
+    digest = hashlib.blake2b(f"{values.shape}{values.dtype.str}".encode(), digest_size=16)
+    digest.update(values.data)
+    return digest.hexdigest()
+
+
+def _ceil(size: int) -> int:
+    """Shards must be whole numbers of inner chunks."""
+    return size if size < _INNER else -(-size // _INNER) * _INNER
+
+
+def _corrupt(path: Path, name: str, position: int, why: str) -> CorruptError:
+    return CorruptError(
+        f"A stored frame is damaged ({why})",
+        f"{path}, array {name}, position {position}",
+        "the frame that was committed",
+        "`yesnt verify SHOT --repair` makes it again",
+    )

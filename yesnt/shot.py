@@ -1,0 +1,137 @@
+"""The job: what `shot.yaml` says, validated and frozen. No files are read here; see io/jobfile.py."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+Colorspace = Literal["lin_rec709", "srgb"]
+Quality = Literal["draft", "standard", "final", "reference"]
+Knob = bool | int | float | str
+
+_FORBIDDEN_IN_NAMES = "/\\\0"
+
+
+def _plain_name(name: str) -> str:
+    if any(c in name for c in _FORBIDDEN_IN_NAMES) or name in {".", ".."} or name != name.strip():
+        raise ValueError("a name must not hold path separators or surrounding blanks")
+    return name
+
+
+class _Part(BaseModel):
+    """A frozen section of the job; unknown keys are refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class PlateInput(_Part):
+    """The captured pictures: associated alpha if they carry A."""
+
+    path: str
+    colorspace: Colorspace = "lin_rec709"
+
+
+class GBufferInput(_Part):
+    """Planar z in metres and normals; the values name channels."""
+
+    path: str
+    z: str = "depth.Z"
+    normal: str = "N"
+    normal_space: Literal["world", "camera"] = "world"
+
+
+class LightInput(_Part):
+    """A lat-long map; rotation in degrees (yaw about +Z first), exposure in stops."""
+
+    path: str
+    convention: Literal["blender", "opengl", "mitsuba"] = "blender"
+    rotation: tuple[float, float, float] = Field((0.0, 0.0, 0.0), strict=False)
+    exposure: Annotated[float, Field(ge=-32, le=32)] = 0.0
+
+
+class PathInput(_Part):
+    """A file sequence and nothing else."""
+
+    path: str
+
+
+class DecomposeInput(_Part):
+    """How roughness and metallic are had: a backend that is sampled, or passes already made (`path`)."""
+
+    backend: str = "embedded"
+    samples: Annotated[int, Field(ge=1, le=1024)] = 8
+    path: str | None = None
+    weights: str | None = None
+    knobs: dict[str, Knob] = Field(default_factory=dict)
+
+
+class FlowInput(_Part):
+    """Optical flow: a method with its knobs, or a precomputed sequence with channels forward.u, forward.v."""
+
+    path: str | None = None
+    knobs: dict[str, Knob] = Field(default_factory=dict)
+
+
+class TemporalInput(_Part):
+    """The energy of method.md section 4 and how it is cut into chunks; `knobs` are fields of EnergyParams."""
+
+    enabled: bool = True
+    method: Literal["default", "adam"] = "default"
+    tolerance: Annotated[float, Field(gt=0, le=1)] = 1e-4
+    chunk: Annotated[int, Field(ge=1, le=4096)] = 16
+    halo: Annotated[int, Field(ge=0, le=4096)] | None = None
+    sweeps: Annotated[int, Field(ge=0, le=16)] | None = None
+    robust: bool = True
+    knobs: dict[str, Knob] = Field(default_factory=dict)
+
+
+class ExrOutput(_Part):
+    """How the EXR sequence is written."""
+
+    compression: Literal["none", "rle", "zips", "zip", "piz"] = "zip"
+
+
+class Shot(_Part):
+    """One `shot.yaml` (contract.md, "A shot")."""
+
+    version: Literal[1]
+    name: Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_plain_name)]
+    frames: str
+    plate: PlateInput
+    gbuffer: GBufferInput
+    camera: str
+    light: LightInput
+    capture_light: LightInput | None = None
+    background: PlateInput | None = None
+    proxy: PathInput | None = None
+    decompose: DecomposeInput = DecomposeInput()
+    flow: FlowInput = FlowInput()
+    temporal: TemporalInput = TemporalInput()
+    relight: dict[str, Knob] = Field(default_factory=dict)
+    exr: ExrOutput = ExrOutput()
+    quality: Quality = "standard"
+    seed: Annotated[int, Field(ge=0, lt=2**64)] = 0
+    output: str = "out"
+
+
+class Job(_Part):
+    """A shot made absolute: where its files lie and which frames it has, in order.
+
+    Attributes:
+        shot: what the user wrote.
+        root: absolute folder of the job file; relative paths start here.
+        frames: frame numbers as delivered, ascending.
+        width: columns of every picture.
+        height: rows of every picture.
+    """
+
+    shot: Shot
+    root: str
+    frames: tuple[int, ...]
+    width: int
+    height: int
+
+    def position(self, frame: int) -> int:
+        """Where a frame stands in the sequence."""
+        return self.frames.index(frame)

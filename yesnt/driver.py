@@ -1,0 +1,274 @@
+"""The driver: a bounded window of futures over a graph of nodes; retries, deaths, resume.
+
+Dask is told of as many tasks as there are slots and of nothing else. What is done is known from the records alone, so a
+driver, a worker or a scheduler may vanish at any moment and the next run goes on from the records.
+"""
+
+from __future__ import annotations
+
+import errno
+import heapq
+import queue
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from yesnt.errors import ClusterLostError, YesntError
+from yesnt.faults import fault_point
+from yesnt.graph import Graph, Node, NodeId
+from yesnt.io.records import RecordBook
+from yesnt.shot import Job
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+Receipt = dict[str, Any]
+Task = Callable[[Job, Node], Receipt]
+Listener = Callable[[Mapping[str, Any]], None]
+
+HEARTBEAT_SECONDS = 2.0
+LOSS_SECONDS = 8.0
+"""A scheduler that has not answered for this long is lost."""
+
+
+@dataclass(frozen=True)
+class DriverSettings:
+    """How failures are met.
+
+    Attributes:
+        retries: how often a task that raised is run again.
+        deaths: a node that was alone with its worker this often when the worker died is dead.
+    """
+
+    retries: int = 1
+    deaths: int = 2
+
+
+@dataclass
+class Outcome:
+    """What a run came to: nodes by what became of them."""
+
+    done: list[NodeId] = field(default_factory=list)
+    reused: list[NodeId] = field(default_factory=list)
+    failed: dict[NodeId, str] = field(default_factory=dict)
+    dead: dict[NodeId, str] = field(default_factory=dict)
+    blocked: list[NodeId] = field(default_factory=list)
+    busy_seconds: float = 0.0
+    kernel_seconds: float = 0.0
+
+    @property
+    def complete(self) -> bool:
+        """Whether everything that was asked for is there."""
+        return not (self.failed or self.dead or self.blocked)
+
+
+class Driver:
+    """Runs the nodes of a graph that have no record yet.
+
+    Args:
+        job: sent with every task.
+        graph: nodes, needs first.
+        book: the commit records.
+        task: the top-level function that runs a node on a worker.
+        settings: retries and deaths.
+        listen: called with a small event for everything that happens.
+    """
+
+    def __init__(
+        self,
+        job: Job,
+        graph: Graph,
+        book: RecordBook,
+        task: Task,
+        settings: DriverSettings | None = None,
+        listen: Listener = lambda event: None,
+    ) -> None:
+        self._job, self._graph, self._book, self._task = job, graph, book, task
+        self._settings, self._listen = settings or DriverSettings(), listen
+        self._order = {node_id: i for i, node_id in enumerate(graph.nodes)}
+        self._rank = {stage: -i for i, stage in enumerate(graph.stages)}  # later stages first: drain what was begun
+        self._users = graph.users()
+        self._waiting = {node.id: set(node.needs) for node in graph}
+        self._ready: list[tuple[int, int, NodeId]] = []
+        self._suspects: list[NodeId] = []
+        self._running: dict[NodeId, Any] = {}  # of distributed.Future
+        self._finished: queue.SimpleQueue[tuple[NodeId, Any]] = queue.SimpleQueue()
+        self._failures: dict[NodeId, int] = {}
+        self._deaths: dict[NodeId, int] = {}
+        self._outcome = Outcome()
+
+    def is_done(self, node: Node) -> bool:
+        """Whether every frame of a node has a record that holds its key."""
+        return all(self._book.done(node.stage, frame, node.frame_key(frame)) for frame in node.frames)
+
+    def reuse(self) -> Outcome:
+        """Takes what is done already; returns the outcome so far. Needs no cluster."""
+        for node in self._graph:
+            if self.is_done(node):
+                self._outcome.reused.append(node.id)
+                self._waiting.pop(node.id)
+        reused = set(self._outcome.reused)
+        for node_id, needs in self._waiting.items():
+            needs -= reused
+            if not needs:
+                self._push(node_id)
+        return self._outcome
+
+    @property
+    def remaining(self) -> int:
+        """Nodes that are neither done nor given up."""
+        return len(self._waiting)
+
+    def run(self, client: Client) -> Outcome:
+        """Runs all that is left (after `reuse`).
+
+        Raises:
+            ClusterLostError: the scheduler vanished; what is committed stays.
+            YesntError: the disk is full.
+        """
+        heartbeat = _Heartbeat(client)
+        try:
+            while self._waiting:
+                self._fill(client, heartbeat.slots())
+                self._collect()
+        except BaseException:
+            for future in self._running.values():
+                future.release()
+            raise
+        return self._outcome
+
+    def _fill(self, client: Client, slots: int) -> None:
+        """Keeps one task a slot under way; a suspect runs alone, so that a second death is its own."""
+        if self._suspects and not self._running:
+            self._submit(client, self._suspects.pop())
+            return
+        while self._ready and len(self._running) < slots and not self._quarantine():
+            self._submit(client, heapq.heappop(self._ready)[2])
+
+    def _quarantine(self) -> bool:
+        return bool(self._suspects) or any(self._deaths.get(node_id) for node_id in self._running)
+
+    def _submit(self, client: Client, node_id: NodeId) -> None:
+        node = self._graph.nodes[node_id]
+        attempt = self._failures.get(node_id, 0) + self._deaths.get(node_id, 0)
+        # The prefix before the hash groups the dashboard's bars by stage.
+        key = (f"{node.stage}-{node.key}", node.index, attempt)
+        future = client.submit(self._task, self._job, node, key=key, pure=False, retries=0)
+        self._running[node_id] = future
+        self._tell("start", node, attempt=attempt)
+        fault_point("driver.after_submit")
+        future.add_done_callback(lambda done, node_id=node_id: self._finished.put((node_id, done)))
+
+    def _collect(self) -> None:
+        """Waits for one task to end and takes all that have."""
+        try:
+            self._take(*self._finished.get(timeout=0.5))
+            while True:
+                self._take(*self._finished.get_nowait())
+        except queue.Empty:
+            return
+
+    def _take(self, node_id: NodeId, future: Any) -> None:
+        if self._running.get(node_id) is not future:
+            return  # an attempt that is no longer waited for
+        node = self._graph.nodes[node_id]
+        status = future.status
+        if status in ("cancelled", "lost"):
+            raise _lost("its futures are cancelled")
+        del self._running[node_id]
+        if status == "finished":
+            self._succeed(node, future.result(timeout=LOSS_SECONDS))
+        else:
+            self._fail(node, future.exception(timeout=LOSS_SECONDS))
+        fault_point("driver.after_receipt")
+
+    def _succeed(self, node: Node, receipt: Receipt) -> None:
+        self._outcome.done.append(node.id)
+        self._outcome.busy_seconds += receipt["seconds"]
+        self._outcome.kernel_seconds += receipt["kernel_seconds"]
+        self._waiting.pop(node.id)
+        self._tell("done", node, **receipt)
+        for user in self._users[node.id]:
+            if user in self._waiting:
+                self._waiting[user].discard(node.id)
+                if not self._waiting[user]:
+                    self._push(user)
+
+    def _fail(self, node: Node, error: BaseException | None) -> None:
+        from distributed import KilledWorker
+
+        if isinstance(error, KilledWorker):
+            self._die(node)
+            return
+        if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+            raise YesntError(
+                "The disk is full",
+                f"{error.filename or self._job.shot.output}, stage {node.stage}, frame {node.frames[0]}",
+                "room for the frame store and the EXRs (`yesnt plan` says how much)",
+                "free some and run again: nothing is lost",
+            ) from error
+        self._failures[node.id] = self._failures.get(node.id, 0) + 1
+        reason = f"{type(error).__name__}: {error}" if not isinstance(error, YesntError) else str(error)
+        retry = not isinstance(error, YesntError) and self._failures[node.id] <= self._settings.retries
+        self._tell("retry" if retry else "failed", node, reason=reason)
+        if retry:
+            self._push(node.id)
+        else:
+            self._outcome.failed[node.id] = reason
+            self._give_up(node.id)
+
+    def _die(self, node: Node) -> None:
+        self._deaths[node.id] = self._deaths.get(node.id, 0) + 1
+        dead = self._deaths[node.id] >= self._settings.deaths
+        reason = f"its worker died {self._deaths[node.id]} times while this frame was the only task on it"
+        self._tell("dead" if dead else "worker_died", node, reason=reason)
+        if dead:
+            self._outcome.dead[node.id] = reason
+            self._give_up(node.id)
+        else:
+            self._suspects.append(node.id)
+
+    def _give_up(self, node_id: NodeId) -> None:
+        """Removes a node and all that would need it."""
+        self._waiting.pop(node_id)
+        stack = list(self._users[node_id])
+        while stack:
+            user = stack.pop()
+            if self._waiting.pop(user, None) is not None:
+                self._outcome.blocked.append(user)
+                stack.extend(self._users[user])
+
+    def _push(self, node_id: NodeId) -> None:
+        heapq.heappush(self._ready, (self._rank[node_id[0]], self._order[node_id], node_id))
+
+    def _tell(self, event: str, node: Node, **facts: Any) -> None:
+        self._listen({"event": event, "time": time.time(), "stage": node.stage, "frames": list(node.frames), **facts})
+
+
+class _Heartbeat:
+    """Asks the scheduler every few seconds how many slots there are; notices when it no longer answers."""
+
+    def __init__(self, client: Client) -> None:
+        self._client, self._slots, self._asked, self._answered = client, 1, 0.0, time.monotonic()
+
+    def slots(self) -> int:
+        """Threads of all workers, at least 1."""
+        now = time.monotonic()
+        if now - self._asked >= HEARTBEAT_SECONDS:
+            self._asked = now
+            try:
+                threads = self._client.sync(self._client.scheduler.ncores, callback_timeout=LOSS_SECONDS / 2)
+            except (OSError, TimeoutError, RuntimeError, ValueError, AttributeError):
+                if now - self._answered > LOSS_SECONDS / 2:
+                    raise _lost("it does not answer") from None
+            else:
+                self._slots, self._answered = max(1, sum(threads.values())), time.monotonic()
+        return self._slots
+
+
+def _lost(why: str) -> ClusterLostError:
+    return ClusterLostError(
+        f"The scheduler is lost ({why})", "the Dask scheduler", "a scheduler that answers",
+        "run the same command again: it resumes from what is committed",
+    )  # fmt: skip

@@ -1,0 +1,68 @@
+"""From the job's sections to the kernels' own frozen settings; a knob that no kernel knows is refused by name."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from yesnt.errors import JobError
+from yesnt.shot import Knob, Shot
+
+if TYPE_CHECKING:
+    from yesnt.decompose.settings import EnsembleSettings
+    from yesnt.relight.settings import RelightSettings
+    from yesnt.temporal.flow import FlowSettings
+    from yesnt.temporal.params import EnergyParams
+
+T = TypeVar("T")
+
+
+def ensemble_settings(shot: Shot) -> EnsembleSettings:
+    """Members, overlap, tolerance of the decomposition."""
+    from yesnt.decompose.settings import EnsembleSettings
+
+    knobs = {"samples": shot.decompose.samples, **shot.decompose.knobs}
+    return _build("decompose.knobs", EnsembleSettings, knobs, _fields(EnsembleSettings))
+
+
+def flow_settings(shot: Shot) -> FlowSettings:
+    """Method and thresholds of the optical flow."""
+    from yesnt.temporal.flow import FlowSettings
+
+    return _build("flow.knobs", FlowSettings, shot.flow.knobs, _fields(FlowSettings))
+
+
+def energy_params(shot: Shot) -> EnergyParams:
+    """Parameters of the temporal energy."""
+    from yesnt.temporal.params import EnergyParams
+
+    return _build("temporal.knobs", EnergyParams, shot.temporal.knobs, _fields(EnergyParams))
+
+
+def relight_settings(shot: Shot) -> RelightSettings:
+    """What the quality means for relighting, with the knobs that the job sets by name."""
+    from yesnt.relight.settings import RelightSettings
+
+    def build(**knobs: Any) -> RelightSettings:
+        return RelightSettings.from_quality(shot.quality, **knobs)
+
+    return _build("relight", build, shot.relight, _fields(RelightSettings))
+
+
+def _fields(record: Any) -> tuple[str, ...]:
+    return tuple(field.name for field in dataclasses.fields(record))
+
+
+def _build(where: str, make: Callable[..., T], knobs: Mapping[str, Knob], known: tuple[str, ...]) -> T:
+    unknown = sorted(set(knobs) - set(known))
+    if unknown:
+        raise JobError(
+            f"Unknown knob {unknown[0]!r}", f"key {where}", f"one of {', '.join(known)}", "check its spelling"
+        )
+    try:
+        return make(**knobs)
+    except (ValueError, TypeError) as error:
+        raise JobError(
+            f"A knob has a value that cannot be used ({error})", f"key {where}", "see the message", "mend it"
+        ) from error

@@ -170,7 +170,7 @@ class Driver:
             return
 
     def _take(self, node_id: NodeId, future: Any) -> None:
-        if self._running.get(node_id) is not future:
+        if node_id not in self._running or future is not self._running[node_id]:
             return  # an attempt that is no longer waited for
         node = self._graph.nodes[node_id]
         status = future.status

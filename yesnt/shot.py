@@ -111,6 +111,7 @@ class Shot(_Part):
     relight: dict[str, Knob] = Field(default_factory=dict)
     exr: ExrOutput = ExrOutput()
     quality: Quality = "standard"
+    extra_frames: Literal["refuse", "ignore"] = "refuse"
     seed: Annotated[int, Field(ge=0, lt=2**64)] = 0
     output: str = "out"
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from yesnt.camera import Camera
 from yesnt.color import srgb_decode, straighten
 from yesnt.errors import JobError
-from yesnt.io.exr import ExrImage, read_image
+from yesnt.io.exr import ImageHeader, read_image
 from yesnt.io.jobfile import frame_path
 from yesnt.shot import Job, PlateInput
 
@@ -60,7 +60,7 @@ def read_surface(job: Job, frame: int, camera: Camera) -> Surface:
     """The G-buffer of a frame, normals in world space."""
     spec = job.shot.gbuffer
     image = read_image(frame_path(job.root, spec.path, frame))
-    _check_size(job, image)
+    check_size(job, image.header)
     z = image.stack([spec.z])[..., 0]
     normal = image.stack([f"{spec.normal}.{axis}" for axis in "XYZ"])
     _refuse_nan(np.isnan(z), image.header.path, spec.z)
@@ -78,7 +78,7 @@ def read_passes(job: Job, frame: int) -> tuple[NDArray[np.float32], NDArray[np.f
     pattern = job.shot.decompose.path
     assert pattern is not None
     image = read_image(frame_path(job.root, pattern, frame))
-    _check_size(job, image)
+    check_size(job, image.header)
     mean = image.stack(["roughness.Y", "metallic.Y"]).transpose(2, 0, 1)
     _refuse_nan(~np.isfinite(mean), image.header.path, "roughness.Y, metallic.Y")
     names = ("roughness_std.Y", "metallic_std.Y")
@@ -92,7 +92,7 @@ def read_flow(job: Job, frame: int) -> NDArray[np.float32]:
     pattern = job.shot.flow.path
     assert pattern is not None
     image = read_image(frame_path(job.root, pattern, frame))
-    _check_size(job, image)
+    check_size(job, image.header)
     flow = image.stack(["forward.u", "forward.v"])
     _refuse_nan(~np.isfinite(flow), image.header.path, "forward.u, forward.v")
     return flow
@@ -113,6 +113,21 @@ def read_radiance(path: Path) -> tuple[NDArray[np.float32], int]:
     return np.where(negative, 0, radiance), int(negative.sum())
 
 
+def check_size(job: Job, header: ImageHeader) -> None:
+    """Refuses a picture of another size than the camera's.
+
+    Raises:
+        JobError: the sizes differ.
+    """
+    if (header.width, header.height) != (job.width, job.height):
+        raise JobError(
+            f"The picture is {header.width}x{header.height}",
+            header.path,
+            f"{job.width}x{job.height}, as camera.json says",
+            "render every input at one size",
+        )
+
+
 def file_digest(path: Path) -> str:
     """BLAKE2b-128 of a file's bytes, hexadecimal."""
     try:
@@ -126,7 +141,7 @@ def file_digest(path: Path) -> str:
 
 def _plate(job: Job, spec: PlateInput, frame: int) -> Plate:
     image = read_image(frame_path(job.root, spec.path, frame))
-    _check_size(job, image)
+    check_size(job, image.header)
     color = image.stack("RGB")
     matte = image.channels.get("A", np.ones(color.shape[:2], np.float32))
     _refuse_nan(~np.isfinite(color).all(-1) | ~np.isfinite(matte), image.header.path, "R, G, B, A")
@@ -137,16 +152,6 @@ def _plate(job: Job, spec: PlateInput, frame: int) -> Plate:
     straight = srgb_decode(color).astype(np.float32) if spec.colorspace == "srgb" else straighten(color, matte)
     straight = np.where(matte[..., None] > 0, straight, 0).astype(np.float32)
     return Plate(straight, matte.astype(np.float32), int(negative.sum()))
-
-
-def _check_size(job: Job, image: ExrImage) -> None:
-    if (image.header.width, image.header.height) != (job.width, job.height):
-        raise JobError(
-            f"The picture is {image.header.width}x{image.header.height}",
-            image.header.path,
-            f"{job.width}x{job.height}, as camera.json says",
-            "render every input at one size",
-        )
 
 
 def _refuse_nan(bad: NDArray[np.bool_], where: str, channels: str) -> None:

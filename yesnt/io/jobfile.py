@@ -84,6 +84,22 @@ def frame_path(root: str | Path, pattern: str, frame: int) -> Path:
     return Path(os.path.expanduser(root)) / os.path.expanduser(str(name))
 
 
+def frames_on_disk(root: str | Path, pattern: str) -> set[int]:
+    """Frame numbers of a sequence that exist as files; none for a pattern without a frame number."""
+    from fileseq import FileSequence
+    from fileseq.constants import PAD_STYLE_HASH1
+    from fileseq.exceptions import FileSeqException
+
+    if not has_frame_number(pattern):
+        return set()
+    path = str(Path(os.path.expanduser(root)) / os.path.expanduser(pattern))
+    try:
+        found = FileSequence.findSequenceOnDisk(path, pad_style=PAD_STYLE_HASH1)
+    except FileSeqException:  # no file of this name at all
+        return set()
+    return {int(frame) for frame in found.frameSet() or ()}
+
+
 def _read_text(path: Path) -> str:
     try:
         if path.stat().st_size > MAX_JOB_BYTES:

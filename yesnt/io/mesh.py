@@ -1,0 +1,53 @@
+"""Proxy meshes on disk: triangles in world metres, read with trimesh, refused when too large or not finite."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yesnt.errors import JobError
+
+MAX_MESH_BYTES = 1 << 30
+SUFFIXES = (".ply", ".obj", ".stl")
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Triangles: vertices [V, 3] float32 metres in the world, faces [F, 3] int32."""
+
+    vertices: NDArray[np.float32]
+    faces: NDArray[np.int32]
+
+
+def read_mesh(path: Path) -> Mesh:
+    """Reads a triangle mesh.
+
+    Raises:
+        JobError: missing, too large, of another format, empty, or with vertices that are not finite.
+    """
+    if not path.is_file():
+        raise JobError("The proxy mesh is missing", str(path), "a readable file", "check the path and the frame range")
+    if path.suffix.lower() not in SUFFIXES or path.stat().st_size > MAX_MESH_BYTES:
+        raise JobError(
+            "The proxy mesh cannot be used",
+            str(path),
+            f"{', '.join(SUFFIXES)} of at most {MAX_MESH_BYTES} bytes",
+            "export it again",
+        )
+    import trimesh
+
+    try:
+        mesh = trimesh.load(str(path), force="mesh", process=False)
+        vertices, faces = np.asarray(mesh.vertices, np.float32), np.asarray(mesh.faces, np.int32)
+    except Exception as error:  # trimesh's readers raise whatever a damaged file provokes
+        raise JobError(
+            f"The proxy mesh is damaged ({error})", str(path), "a triangle mesh", "export it again"
+        ) from error
+    if not len(faces) or not np.isfinite(vertices).all() or faces.min() < 0 or faces.max() >= len(vertices):
+        raise JobError(
+            "The proxy mesh has no usable triangles", str(path), "finite vertices, valid faces", "export it again"
+        )
+    return Mesh(vertices, faces)

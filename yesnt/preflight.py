@@ -1,0 +1,155 @@
+"""Everything that is checked before any work starts; nothing is written here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+from yesnt import settings as of
+from yesnt.camera import Camera
+from yesnt.decompose.catalogue import BackendIdentity, identify_backend
+from yesnt.errors import JobError
+from yesnt.io import capture
+from yesnt.io.exr import read_header
+from yesnt.io.jobfile import frame_path, frames_on_disk, load_shot, parse_frames
+from yesnt.io.mesh import read_mesh
+from yesnt.io.output import OutputFolder
+from yesnt.shot import Job, Shot
+
+READERS = 2
+"""Pictures that are decoded side by side while checking; memory is bounded by it."""
+
+STORE_BYTES_PER_PIXEL = 80
+"""All arrays of the store and the EXR of one frame, before compression."""
+
+
+@dataclass(frozen=True)
+class Resolved:
+    """A job whose files are known.
+
+    Attributes:
+        job: the job.
+        digests: path -> digest of the file's bytes, for every input.
+        backend: what decomposes; None if passes are read.
+    """
+
+    job: Job
+    digests: dict[str, str]
+    backend: BackendIdentity | None
+
+
+def resolve(path: str | Path) -> Resolved:
+    """Reads the job file and hashes every input.
+
+    Raises:
+        JobError: the job file is wrong, or a file is missing.
+    """
+    file = Path(path).absolute()
+    if file.is_dir():
+        file = file / "shot.yaml"
+    shot = load_shot(file)
+    root = str(file.parent)
+    frames = parse_frames(shot.frames, f"{file}, key frames")
+    camera = Camera.open(frame_path(root, shot.camera, 0))
+    for frame in frames:
+        camera.pose(frame)
+    job = Job(shot=shot, root=root, frames=frames, width=camera.width, height=camera.height)
+    _check_knobs(shot)
+    backend = None
+    if shot.decompose.path is None:
+        backend = identify_backend(shot.decompose.backend, shot.decompose.weights)
+    paths = sorted({str(p) for p in _input_files(job)})
+    with ThreadPoolExecutor(READERS) as pool:
+        digests = dict(zip(paths, pool.map(lambda p: capture.file_digest(Path(p)), paths), strict=True))
+    return Resolved(job, digests, backend)
+
+
+def inspect(resolved: Resolved) -> list[str]:
+    """Decodes every input once; returns warnings.
+
+    Raises:
+        JobError: a picture, mesh or map cannot be used, or the output folder cannot.
+    """
+    job = resolved.job
+    warnings = list(_check_extra_frames(job))
+    camera = Camera.open(frame_path(job.root, job.shot.camera, 0))
+    for pattern in (job.shot.plate.path, job.shot.gbuffer.path):  # cheap first: sizes of all before pixels of any
+        for frame in job.frames:
+            capture.check_size(job, read_header(frame_path(job.root, pattern, frame)))
+    with ThreadPoolExecutor(READERS) as pool:
+        for found in pool.map(lambda frame: _check_frame(job, frame, camera), job.frames):
+            warnings += found
+    for role, light in (("light", job.shot.light), ("capture_light", job.shot.capture_light)):
+        if light is not None:
+            path = frame_path(job.root, light.path, job.frames[0])
+            _, negative = capture.read_radiance(path)
+            if negative:
+                warnings.append(f"{role}: {negative} negative values in {path} are read as 0")
+    OutputFolder.of(job).check(len(job.frames) * job.width * job.height * STORE_BYTES_PER_PIXEL // 2)
+    return warnings
+
+
+def _check_knobs(shot: Shot) -> None:
+    checks: tuple[Callable[[Shot], object], ...] = (
+        of.ensemble_settings, of.flow_settings, of.energy_params, of.relight_settings,
+    )  # fmt: skip
+    for check in checks:
+        check(shot)
+
+
+def _sequences(shot: Shot) -> Iterable[str]:
+    yield shot.plate.path
+    yield shot.gbuffer.path
+    if shot.proxy:
+        yield shot.proxy.path
+    if shot.decompose.path:
+        yield shot.decompose.path
+    if shot.background:
+        yield shot.background.path
+
+
+def _input_files(job: Job) -> Iterable[Path]:
+    shot = job.shot
+    for pattern in _sequences(shot):
+        yield from (frame_path(job.root, pattern, frame) for frame in job.frames)
+    if shot.flow.path:  # the last frame's flow leads out of the shot
+        yield from (frame_path(job.root, shot.flow.path, frame) for frame in job.frames[:-1])
+    yield frame_path(job.root, shot.camera, 0)
+    for light in (shot.light, shot.capture_light):
+        if light is not None:
+            yield from (frame_path(job.root, light.path, frame) for frame in job.frames)
+
+
+def _check_frame(job: Job, frame: int, camera: Camera) -> list[str]:
+    warnings = []
+    plate = capture.read_plate(job, frame)
+    if plate.clamped:
+        warnings.append(f"plate {frame}: {plate.clamped} negative values are read as 0")
+    surface = capture.read_surface(job, frame, camera)
+    unhit = int(((plate.matte > 0.5) & (surface.z == 0)).sum())
+    if unhit:
+        warnings.append(f"gbuffer {frame}: {unhit} pixels inside the matte have no depth")
+    if job.shot.proxy:
+        read_mesh(frame_path(job.root, job.shot.proxy.path, frame))
+    if job.shot.decompose.path:
+        capture.read_passes(job, frame)
+    if job.shot.flow.path and frame != job.frames[-1]:
+        capture.read_flow(job, frame)
+    capture.read_background(job, frame)
+    return warnings
+
+
+def _check_extra_frames(job: Job) -> Iterable[str]:
+    """Files of a sequence outside the job's range: most often a range that was typed wrong."""
+    for pattern in (job.shot.plate.path, job.shot.gbuffer.path):
+        extra = sorted(frames_on_disk(job.root, pattern) - set(job.frames))
+        if extra and job.shot.extra_frames == "refuse":
+            raise JobError(
+                f"{len(extra)} frames on disk are not in the range, first {extra[0]}",
+                f"{pattern}; frames: {job.shot.frames}", "a range that covers the sequence",
+                "widen `frames:`, or set `extra_frames: ignore`",
+            )  # fmt: skip
+        if extra:
+            yield f"{pattern}: {len(extra)} frames on disk are outside the range and ignored"

@@ -1,0 +1,231 @@
+"""The only place where kernels meet files: read, kernel, write, commit, small receipt."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yesnt import settings as of
+from yesnt.camera import Camera
+from yesnt.channels import CHANNELS, DELIVERED
+from yesnt.cluster import pin_threads
+from yesnt.color import CHROMATICITIES_REC709
+from yesnt.graph import Node
+from yesnt.io import capture
+from yesnt.io.capture import file_digest
+from yesnt.io.exr import write_exr
+from yesnt.io.jobfile import frame_path
+from yesnt.shot import Job, LightInput
+from yesnt.workspace import Workspace
+
+if TYPE_CHECKING:
+    from yesnt.decompose.backend import Backend
+    from yesnt.relight import EnvMap
+
+Float32 = NDArray[np.float32]
+
+
+def run_node(job: Job, node: Node) -> dict[str, Any]:
+    """Runs one node on a worker; doing it twice, or after a kill, gives the same files."""
+    pin_threads()
+    space = Workspace(job, node)
+    with space.logged():
+        if space.pending():
+            _TASKS[node.stage.partition(".")[0]](space)
+    return space.receipt()
+
+
+def decompose(space: Workspace) -> None:
+    """Mean and spread of the material of one frame."""
+    job, frame = space.job, space.node.frames[0]
+    if job.shot.decompose.path is not None:
+        mean, spread = capture.read_passes(job, frame)
+        space.commit(frame, {"observed": mean, "spread": spread})
+        return
+    from yesnt.decompose.ensemble import estimate_frame
+
+    plate = capture.read_plate(job, frame)
+    backend = _backend(job.shot.decompose.backend, job.shot.decompose.weights)
+    with space.kernel():
+        estimate = estimate_frame(
+            plate.color, plate.matte, backend, of.ensemble_settings(job.shot), job.shot.seed, frame
+        )  # fmt: skip
+    space.commit(
+        frame, {"observed": estimate.mean, "spread": estimate.std}, facts={"evaluations": estimate.total_evaluations}
+    )
+
+
+def flow(space: Workspace) -> None:
+    """Flow of one frame to the next and its validity."""
+    from yesnt.temporal.flow import flow_and_validity, validity_of
+
+    job, frame = space.job, space.node.frames[0]
+    after = job.frames[job.position(frame) + 1]
+    now, then = capture.read_plate(job, frame), capture.read_plate(job, after)
+    settings = of.flow_settings(job.shot)
+    given = capture.read_flow(job, frame) if job.shot.flow.path is not None else None
+    with space.kernel():
+        if given is None:
+            vectors, validity = flow_and_validity(now.color, then.color, now.matte, then.matte, settings)
+        else:
+            vectors, validity = given, validity_of(given, now.matte, then.matte)
+    space.commit(frame, {"flow": vectors.transpose(2, 0, 1), "validity": validity[None]})
+
+
+def relight(space: Workspace) -> None:
+    """One frame: capture light out, new light in."""
+    from yesnt.relight.frame import FrameInputs, relight_frame
+
+    job, frame = space.job, space.node.frames[0]
+    camera = _camera(str(Path(job.root) / job.shot.camera))
+    plate, surface = capture.read_plate(job, frame), capture.read_surface(job, frame, camera)
+    material = space.read("solve", "material", frame)
+    settings = of.relight_settings(job.shot)
+    proxy = _proxy(job, frame)
+    with space.kernel():
+        inputs = FrameInputs(
+            plate.color, plate.matte, surface.z, surface.normal, material[0], material[1], camera, frame
+        )
+        light = _light(space, job.shot.light, "light")
+        captured = _light(space, job.shot.capture_light, "capture")
+        relit = relight_frame(inputs, light, captured, proxy, settings)
+    space.commit(
+        frame,
+        {
+            "base_color": relit.base_color.transpose(2, 0, 1),
+            "diffuse": relit.diffuse.transpose(2, 0, 1),
+            "specular": relit.specular.transpose(2, 0, 1),
+            "shadow": relit.shadow[None],
+        },
+    )
+
+
+def composite(space: Workspace) -> None:
+    """One delivered EXR."""
+    from yesnt.composite import associate, over
+
+    job, frame = space.job, space.node.frames[0]
+    camera = _camera(str(Path(job.root) / job.shot.camera))
+    plate, surface = capture.read_plate(job, frame), capture.read_surface(job, frame, camera)
+    diffuse, specular, shadow = (space.read("relight", name, frame) for name in ("diffuse", "specular", "shadow"))
+    background = capture.read_background(job, frame)
+    with space.kernel():
+        if background is None:
+            env = _env(space, job.shot.light, "light")
+            background = env.lookup(camera.rays(frame)).astype(np.float32)
+        relit = associate((diffuse + specular).transpose(1, 2, 0), plate.matte)
+        planes = {
+            "composite": over(relit, background).transpose(2, 0, 1),
+            "relit": relit.transpose(2, 0, 1),
+            "diffuse": diffuse * plate.matte,
+            "specular": specular * plate.matte,
+            "shadow": shadow,
+            "material": space.read("solve", "material", frame),
+            "spread": space.read("decompose", "spread", frame),
+            "normal": surface.normal.transpose(2, 0, 1),
+            "z": surface.z[None],
+        }
+    path = space.output.exr_path(job.shot.name, frame)
+    write_exr(path, _exr_planes(planes), _exr_attributes(space), job.shot.exr.compression)
+    space.commit(frame, {}, {str(path.relative_to(space.output.root)): file_digest(path)})
+
+
+def preview(space: Workspace) -> None:
+    """The film and the contact sheet."""
+    from yesnt.io.preview import write_preview
+
+    job, output = space.job, space.output
+    paths = [output.exr_path(job.shot.name, frame) for frame in space.node.arguments["frames"]]
+    files = write_preview(paths, output.run)
+    digests = {str(path.relative_to(output.root)): file_digest(path) for path in files}
+    space.commit(space.node.frames[0], {}, digests)
+
+
+def _exr_planes(planes: dict[str, Float32]) -> dict[str, NDArray[np.floating]]:
+    """Planes under their EXR names and pixel types, in the registry's order."""
+    largest_half = np.float32(65504)
+    out: dict[str, NDArray[np.floating]] = {}
+    for name in DELIVERED:
+        channel = CHANNELS[name]
+        for exr_name, plane in zip(channel.exr, planes[name], strict=True):
+            # A sun seen in a mirror exceeds half's range; infinity would poison every filter downstream.
+            out[exr_name] = (
+                plane if channel.exr_pixel == "float" else np.minimum(plane, largest_half).astype(np.float16)
+            )
+    return out
+
+
+def _exr_attributes(space: Workspace) -> dict[str, Any]:
+    return {
+        "chromaticities": CHROMATICITIES_REC709,
+        "yesnt:job": space.node.arguments["job_digest"],
+        "yesnt:key": space.node.key,
+        "yesnt:frame": str(space.node.frames[0]),
+    }
+
+
+def _proxy(job: Job, frame: int) -> Any:
+    """The proxy mesh of a frame as a scene to cast rays at, or None."""
+    if job.shot.proxy is None:
+        return None
+    from yesnt.io.mesh import read_mesh
+    from yesnt.relight.proxy import ProxyScene
+
+    mesh = read_mesh(frame_path(job.root, job.shot.proxy.path, frame))
+    return ProxyScene.build(mesh.vertices, mesh.faces)
+
+
+@lru_cache(maxsize=4)
+def _camera(path: str) -> Camera:
+    return Camera.open(path)
+
+
+@lru_cache(maxsize=1)
+def _backend(name: str, weights: str | None) -> Backend:
+    """The model stays in the worker: loading it costs more than a frame."""
+    from yesnt.decompose.catalogue import open_backend
+
+    return open_backend(name, weights)
+
+
+def _env(space: Workspace, spec: LightInput | None, role: str) -> EnvMap:
+    return _env_map(space.job.root, spec, space.node.fields["inputs"].get(role, ""))
+
+
+def _light(space: Workspace, spec: LightInput | None, role: str) -> Any:
+    digest = space.node.fields["inputs"].get(role, "")
+    return _prepared_light(space.job.root, spec, digest, of.relight_settings(space.job.shot), role)
+
+
+@lru_cache(maxsize=2)
+def _env_map(root: str, spec: LightInput | None, digest: str) -> EnvMap:
+    """A map stays in the worker; its digest is part of what it is remembered by."""
+    from yesnt.relight import EnvMap
+    from yesnt.relight.lights import uniform_light
+
+    del digest
+    if spec is None:
+        return uniform_light()
+    radiance, _ = capture.read_radiance(frame_path(root, spec.path, 0))
+    return EnvMap.from_array(radiance, spec.convention).turned(spec.rotation, spec.exposure)
+
+
+@lru_cache(maxsize=4)
+def _prepared_light(root: str, spec: LightInput | None, digest: str, settings: Any, role: str) -> Any:
+    from yesnt.relight.lights import prepare_light
+
+    return prepare_light(_env_map(root, spec, digest), settings, role)
+
+
+_TASKS: dict[str, Callable[[Workspace], None]] = {
+    "decompose": decompose,
+    "flow": flow,
+    "relight": relight,
+    "composite": composite,
+    "preview": preview,
+}

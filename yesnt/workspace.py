@@ -1,0 +1,144 @@
+"""What a task has on its desk: the job's inputs and store, a clock, a log, and the record that ends its work."""
+
+from __future__ import annotations
+
+import logging
+import os
+import platform
+import resource
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yesnt.errors import CorruptError
+from yesnt.graph import Node
+from yesnt.io.output import OutputFolder
+from yesnt.io.records import Record, RecordBook
+from yesnt.io.store import FrameStore
+from yesnt.shot import Job
+
+Float32 = NDArray[np.float32]
+
+
+class Workspace:
+    """Reads committed frames, writes whole frames, commits them.
+
+    Args:
+        job: the job.
+        node: the node that is run.
+    """
+
+    def __init__(self, job: Job, node: Node) -> None:
+        self.job, self.node = job, node
+        self.output = OutputFolder.of(job)
+        self.book = RecordBook(self.output.records)
+        self.kernel_seconds = 0.0
+        self._began = time.perf_counter()
+
+    @cached_property
+    def store(self) -> FrameStore:
+        """The frame store, laid out by the driver."""
+        return FrameStore(self.output.store)
+
+    @contextmanager
+    def kernel(self) -> Iterator[None]:
+        """Counts the time inside as kernel time (the rest is reading, writing and waiting)."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.kernel_seconds += time.perf_counter() - start
+
+    def read(self, stage: str, array: str, frame: int) -> Float32:
+        """A committed frame `[C, H, W]` of another stage, proven against its record.
+
+        Raises:
+            CorruptError: not committed, or damaged since.
+        """
+        record = self.book.find(stage, frame)
+        if record is None or array not in record.arrays:
+            raise CorruptError(
+                f"Stage {stage} has no record of frame {frame}", str(self.book.path(stage, frame)),
+                "a record, since this task was started after it", "run again: the frame will be made",
+            )  # fmt: skip
+        return self.store.read(array, self.job.position(frame), record.arrays[array])
+
+    def pending(self) -> tuple[int, ...]:
+        """The node's frames that have no record with the right key."""
+        node = self.node
+        return tuple(f for f in node.frames if not self.book.done(node.stage, f, node.frame_key(f)))
+
+    def commit(
+        self,
+        frame: int,
+        arrays: Mapping[str, Float32],
+        files: Mapping[str, str] | None = None,
+        facts: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Writes a frame's arrays and then its record, in this order: the record makes it done."""
+        position = self.job.position(frame)
+        digests = {name: self.store.write(name, position, values) for name, values in arrays.items()}
+        seconds = {"task": self.seconds, "kernel": self.kernel_seconds}
+        node = self.node
+        self.book.commit(
+            Record(
+                node.stage, frame, node.frame_key(frame), node.frame_fields(frame), digests, files or {}, seconds,
+                {"host": platform.node(), "peak_bytes": peak_bytes(), **(facts or {})},
+            )
+        )  # fmt: skip
+
+    @property
+    def seconds(self) -> float:
+        """Time since the task began."""
+        return time.perf_counter() - self._began
+
+    def receipt(self) -> dict[str, Any]:
+        """The small result that goes back through the scheduler."""
+        return {
+            "seconds": self.seconds,
+            "kernel_seconds": self.kernel_seconds,
+            "peak_bytes": peak_bytes(),
+            "pid": os.getpid(),
+        }
+
+    @contextmanager
+    def logged(self) -> Iterator[logging.Logger]:
+        """One log per frame and stage; an exception is written with its traceback before it goes on."""
+        path = self.output.log_path(self.node.stage, self.node.frames[0])
+        path.parent.mkdir(parents=True, exist_ok=True)
+        logger = logging.getLogger(f"yesnt.task.{self.node.stage}.{self.node.index}")
+        handler = _file_handler(path)
+        logger.addHandler(handler)
+        logger.setLevel(logging.INFO)
+        logger.propagate = False
+        try:
+            logger.info(
+                "start %s frames %s key %s pid %d", self.node.stage, self.node.frames, self.node.key, os.getpid()
+            )
+            yield logger
+            logger.info(
+                "done %.2f s, kernel %.2f s, peak %.0f MB", self.seconds, self.kernel_seconds, peak_bytes() / 1e6
+            )
+        except Exception:
+            logger.exception("failed after %.2f s", self.seconds)
+            raise
+        finally:
+            logger.removeHandler(handler)
+            handler.close()
+
+
+def peak_bytes() -> int:
+    """Largest resident memory of this process so far."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+
+
+def _file_handler(path: Path) -> logging.Handler:
+    handler = logging.FileHandler(path, mode="a", encoding="utf-8")
+    handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
+    return handler

@@ -1,0 +1,177 @@
+"""Lat-long environment maps: conventions by name, rotation, exact solid angles, downsampling that keeps energy.
+
+Inside the product every map is Blender's (method.md section 1): Z up, row 0 up, the centre column looks along +X and
+u = 0.25 along +Y. Other conventions are converted once, when the map is read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from yesnt.errors import JobError
+
+Float = NDArray[np.floating]
+
+CONVENTIONS = MappingProxyType({"blender": 0.0, "opengl": 0.25, "mitsuba": -0.25})
+"""Convention -> u of that map minus u of Blender's map, in turns, for the same world direction.
+
+`opengl` (nvdiffrec, glTF viewers) is Y-up with its centre along -Z; `mitsuba` is Y-up with its centre along +Z. Y-up
+worlds become Z-up as every glTF importer does it: (x, y, z) -> (x, -z, y). All are seen from inside: no mirror is needed.
+"""
+
+
+@dataclass(frozen=True)
+class EnvMap:
+    """Radiance that arrives from infinitely far.
+
+    Attributes:
+        radiance: [h, w, 3] float32, scene-linear Rec.709, finite and >= 0, Blender's layout.
+        rotation: yaw about +Z, then pitch about +Y, then roll about +X, degrees; turns the map in the world.
+        exposure: stops; multiplies the radiance by 2**exposure.
+    """
+
+    radiance: NDArray[np.float32]
+    rotation: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    exposure: float = 0.0
+
+    @classmethod
+    def from_array(cls, radiance: ArrayLike, convention: str = "blender") -> EnvMap:
+        """Wraps an array [h, w, 3]; NaN and negative radiance become 0, infinite becomes the largest finite one.
+
+        Raises:
+            JobError: the shape is not [h, w, 3] or the convention is unknown.
+        """
+        array = np.asarray(radiance, dtype=np.float32)
+        if array.ndim != 3 or array.shape[-1] != 3 or array.size == 0:
+            raise JobError("The env map is not a colour image", f"shape {array.shape}", "[h, w, 3]", "pass RGB")
+        if convention not in CONVENTIONS:
+            known = ", ".join(CONVENTIONS)
+            raise JobError(f"The env map convention '{convention}' is unknown", "convention", known, "choose one")
+        clean = roll_turns(sanitise(array), -CONVENTIONS[convention])
+        clean.setflags(write=False)
+        return cls(clean)
+
+    @classmethod
+    def open(cls, path: str | Path, convention: str = "blender") -> EnvMap:
+        """Reads an EXR's R, G, B.
+
+        Raises:
+            JobError: a colour channel is absent, or as `from_array`.
+        """
+        from yesnt.io.exr import read_exr  # the one upward import: a map is usually a file
+
+        channels = read_exr(Path(path)).channels
+        missing = [name for name in "RGB" if name not in channels]
+        if missing:
+            raise JobError(
+                f"The env map lacks {', '.join(missing)}", str(path), "channels R, G, B", "export an RGB lat-long map"
+            )
+        return cls.from_array(np.stack([channels[name] for name in "RGB"], axis=-1), convention)
+
+    def turned(self, rotation: Sequence[float], exposure: float = 0.0) -> EnvMap:
+        """The same map with this rotation (degrees: yaw, pitch, roll) and exposure (stops)."""
+        yaw, pitch, roll = (float(angle) for angle in rotation)
+        return replace(self, rotation=(yaw, pitch, roll), exposure=float(exposure))
+
+    @property
+    def world_from_map(self) -> NDArray[np.float64]:
+        """Rotation matrix [3, 3]: a direction in the map's axes to the world."""
+        return rotation_matrix(self.rotation)
+
+    @property
+    def gain(self) -> float:
+        """Linear factor of the exposure."""
+        return float(2.0**self.exposure)
+
+    def lookup(self, directions: Float) -> NDArray[np.float32]:
+        """Bilinear radiance along world directions [..., 3], any length: [..., 3]."""
+        local = np.asarray(directions, dtype=np.float64) @ self.world_from_map
+        u, v = direction_to_uv(local)
+        return (bilinear_wrapped(self.radiance, u, v) * self.gain).astype(np.float32)
+
+
+def sanitise(radiance: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Finite, non-negative copy: a single NaN or negative texel of a merged HDR would spread over every pixel."""
+    finite = radiance[np.isfinite(radiance)]
+    top = float(max(finite.max(initial=0.0), 0.0))
+    return np.clip(np.nan_to_num(radiance, nan=0.0, posinf=top, neginf=0.0), 0.0, None).astype(np.float32)
+
+
+def roll_turns(radiance: NDArray[np.float32], turns: float) -> NDArray[np.float32]:
+    """Moves content by `turns` of the width to the right; fractions of a texel are interpolated."""
+    width = radiance.shape[1]
+    shift = turns * width
+    whole = int(np.floor(shift))
+    part = np.float32(shift - whole)
+    near = np.roll(radiance, whole, axis=1)
+    if part == 0:
+        return near
+    return near * (1 - part) + np.roll(radiance, whole + 1, axis=1) * part
+
+
+def rotation_matrix(angles: Sequence[float]) -> NDArray[np.float64]:
+    """Rx(roll) Ry(pitch) Rz(yaw) from degrees (yaw, pitch, roll): yaw about +Z is applied first."""
+    (cz, cy, cx), (sz, sy, sx) = np.cos(np.radians(angles)), np.sin(np.radians(angles))
+    about_z = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
+    about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
+    about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
+    return about_x @ about_y @ about_z
+
+
+def direction_to_uv(direction: Float) -> tuple[Float, Float]:
+    """Blender's mapping: u = 0.5 - atan2(y, x)/(2 pi), v = acos(z)/pi; directions [..., 3] of any length."""
+    x, y, z = np.moveaxis(np.asarray(direction, dtype=np.float64), -1, 0)
+    return (0.5 - np.arctan2(y, x) / (2 * np.pi)) % 1.0, np.arctan2(np.hypot(x, y), z) / np.pi
+
+
+def uv_to_direction(u: ArrayLike, v: ArrayLike) -> NDArray[np.float64]:
+    """Inverse of `direction_to_uv`: unit directions [..., 3]."""
+    azimuth, polar = np.pi - 2 * np.pi * np.asarray(u, dtype=np.float64), np.pi * np.asarray(v, dtype=np.float64)
+    around = np.sin(polar)
+    return np.stack(np.broadcast_arrays(around * np.cos(azimuth), around * np.sin(azimuth), np.cos(polar)), axis=-1)
+
+
+def bilinear_wrapped(image: NDArray[np.float32], u: Float, v: Float) -> Float:
+    """Bilinear sample of [h, w, 3] at u, v in [0, 1]: u wraps, v is held at the poles."""
+    height, width = image.shape[:2]
+    x, y = u * width - 0.5, np.clip(v * height - 0.5, 0, height - 1)
+    x0, y0 = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
+    fx, fy = (x - x0)[..., None], (y - y0)[..., None]
+    left, right, below = x0 % width, (x0 + 1) % width, np.minimum(y0 + 1, height - 1)
+    upper = image[y0, left] * (1 - fx) + image[y0, right] * fx
+    lower = image[below, left] * (1 - fx) + image[below, right] * fx
+    return upper * (1 - fy) + lower * fy
+
+
+def row_solid_angles(height: int, width: int) -> NDArray[np.float64]:
+    """Exact solid angle of one texel of each row [h], sr: (2 pi / w)(cos v_top - cos v_bottom)."""
+    edges = np.cos(np.pi * np.arange(height + 1) / height)
+    return 2 * np.pi / width * (edges[:-1] - edges[1:])
+
+
+def texel_directions(height: int, width: int) -> NDArray[np.float64]:
+    """Unit directions of texel centres in the map's axes, [h, w, 3]."""
+    u, v = (np.arange(width) + 0.5) / width, (np.arange(height) + 0.5) / height
+    return uv_to_direction(u[None, :], v[:, None])
+
+
+def overlap(fine: NDArray[np.float64], coarse: NDArray[np.float64]) -> NDArray[np.float64]:
+    """[coarse cells, fine cells]: the share of each fine cell that lies in each coarse cell; edges ascending."""
+    low = np.maximum(coarse[:-1, None], fine[None, :-1])
+    high = np.minimum(coarse[1:, None], fine[None, 1:])
+    return np.clip(high - low, 0, None) / (fine[1:] - fine[:-1])[None, :]
+
+
+def cell_sums(texels: Float, height: int, width: int) -> NDArray[np.float64]:
+    """Sums [h, w, k] of per-texel amounts into height x width cells, shares split by exact solid angle."""
+    fine_rows = -np.cos(np.pi * np.arange(texels.shape[0] + 1) / texels.shape[0])
+    rows = overlap(fine_rows, -np.cos(np.pi * np.arange(height + 1) / height))
+    columns = overlap(np.linspace(0, 1, texels.shape[1] + 1), np.linspace(0, 1, width + 1))
+    partial = np.tensordot(rows, np.asarray(texels, dtype=np.float64), axes=(1, 0))
+    return np.moveaxis(np.tensordot(columns, partial, axes=(1, 1)), 0, 1)

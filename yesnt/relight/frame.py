@@ -1,0 +1,131 @@
+"""One frame: the capture light is taken out of the plate, then the frame is lit anew. Arrays in, arrays out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yesnt.relight.combine import Response, response, shadow_ratio
+from yesnt.relight.envmap import EnvMap
+from yesnt.relight.kernels import sum_lobes
+from yesnt.relight.lights import PreparedLight, prepare_light
+from yesnt.relight.occlusion import Occluders, find_occluders, occlusion
+from yesnt.relight.points import Pixels, Surface, gather_pixels
+from yesnt.relight.proxy import ProxyScene
+from yesnt.relight.settings import RelightSettings
+
+F32 = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class FrameInputs:
+    """What the stage reads for one frame.
+
+    Attributes:
+        plate: [H, W, 3] straight (un-premultiplied) scene-linear Rec.709.
+        surface: normal, z, opacity, roughness, metallic and the camera.
+    """
+
+    plate: NDArray[np.floating]
+    surface: Surface
+
+
+@dataclass(frozen=True)
+class RelitFrame:
+    """Straight images, 0 where the opacity is 0.
+
+    Attributes:
+        base_color: [H, W, 3] 0..1, what was relit.
+        diffuse: [H, W, 3] radiance, shadows and bounce included.
+        specular: [H, W, 3] radiance, shadows and bounce included.
+        shadow: [H, W] relit over unshadowed luminance, 0..1; 1 outside the matte.
+    """
+
+    base_color: F32
+    diffuse: F32
+    specular: F32
+    shadow: F32
+
+    @property
+    def radiance(self) -> F32:
+        """Diffuse + specular [H, W, 3]."""
+        return self.diffuse + self.specular
+
+
+def prepare_relight(env: EnvMap, settings: RelightSettings) -> PreparedLight:
+    """The light that relights, at the settings' resolution; once per process and map."""
+    return prepare_light(env, settings.texels, settings.clusters)
+
+
+def prepare_capture(env: EnvMap, settings: RelightSettings) -> PreparedLight:
+    """The light of the plate, at the settings' resolution; once per process."""
+    return prepare_light(env, settings.capture_texels, settings.capture_clusters)
+
+
+def relight_frame(
+    inputs: FrameInputs,
+    light: PreparedLight,
+    capture: PreparedLight,
+    proxy: ProxyScene | None,
+    settings: RelightSettings,
+) -> RelitFrame:
+    """Takes `capture` out of the plate and lights the frame with `light`.
+
+    Pure and deterministic: the result depends on nothing but the arguments, to the bit, for any number of threads.
+    """
+    pixels = gather_pixels(inputs.surface)
+    occluders = find_occluders(inputs.surface, pixels, proxy, settings)
+    plate = np.asarray(inputs.plate, dtype=np.float32).reshape(-1, 3)[pixels.index]
+    plate = np.clip(np.nan_to_num(plate, nan=0.0, posinf=65504.0, neginf=0.0), 0, None)
+    base = base_color(plate, pixels, occluders, capture, settings)
+    return shade_pixels(base, pixels, occluders, light, settings)
+
+
+def base_color(
+    plate: F32, pixels: Pixels, occluders: Occluders, capture: PreparedLight, settings: RelightSettings
+) -> F32:
+    """Base colour [P, 3] of the pixels: the plate itself, or the plate with its light inverted.
+
+    The bounce needs the proxy's colour and that needs the base colour: both start from the plate and are refined in turn.
+    """
+    base = np.minimum(plate, 1.0)
+    if settings.base_color == "plate":
+        return base
+    for _ in range(_passes(occluders, settings)):
+        sums = integrate(base, pixels, occluders, capture, settings)
+        base = response(sums, pixels, settings.brdf).base_color(plate)
+    return base
+
+
+def _passes(occluders: Occluders, settings: RelightSettings) -> int:
+    bouncing = occluders.proxy is not None and settings.bounce > 0
+    return max(settings.capture_passes, 1) if bouncing else 1
+
+
+def shade_pixels(
+    base: F32, pixels: Pixels, occluders: Occluders, light: PreparedLight, settings: RelightSettings
+) -> RelitFrame:
+    """Lights pixels of known base colour [P, 3]."""
+    sums = integrate(base, pixels, occluders, light, settings)
+    weights: Response = response(sums, pixels, settings.brdf)
+    shadow = np.ones(pixels.shape, dtype=np.float32)
+    shadow.reshape(-1)[pixels.index] = shadow_ratio(sums, pixels, base, settings.brdf)
+    diffuse, specular = pixels.image(base * weights.diffuse), pixels.image(weights.specular(base))
+    return RelitFrame(pixels.image(base), diffuse, specular, shadow)
+
+
+def integrate(base: F32, pixels: Pixels, occluders: Occluders, light: PreparedLight, settings: RelightSettings) -> F32:
+    """Lobe sums [P, 16] of all pixels, a tile at a time so that memory stays bounded."""
+    glow = None
+    if occluders.proxy is not None and settings.bounce > 0:
+        albedo = occluders.proxy.paint(occluders.shown, base * (1 - pixels.metallic[:, None]))
+        glow = occluders.proxy.radiance(light, albedo, settings.bounce, settings.offset)
+    tiles = [np.zeros((0, 16), dtype=np.float32)]
+    for first in range(0, len(base), settings.tile):
+        part = slice(first, min(first + settings.tile, len(base)))
+        visible, bounced = occlusion(occluders, pixels, part, light, glow, settings)
+        lobes = pixels.lobes(part, settings.brdf, settings.lobe_width * light.texel_angle)
+        tiles.append(sum_lobes(lobes, light, visible, bounced))
+    return np.concatenate(tiles)

@@ -1,0 +1,95 @@
+"""What stands between a pixel and each light cluster: the proxy, else the depth buffer, else nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yesnt.relight.lights import PreparedLight
+from yesnt.relight.march import DepthScene, depth_scene, march
+from yesnt.relight.points import Pixels, Surface
+from yesnt.relight.proxy import OPEN, ProxyScene
+from yesnt.relight.settings import RelightSettings
+
+F32 = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Occluders:
+    """Whatever a frame has to cast shadows with, and the origins of shadow rays.
+
+    Attributes:
+        origins: [P, 3] world; the pixels' positions, moved off the surface.
+        proxy: the mesh, or None.
+        depth: the depth buffer, or None.
+        shown: [P] triangle of the proxy behind each pixel, -1 where none; empty without a proxy.
+    """
+
+    origins: F32
+    proxy: ProxyScene | None
+    depth: DepthScene | None
+    shown: NDArray[np.int32]
+
+
+def find_occluders(surface: Surface, pixels: Pixels, proxy: ProxyScene | None, settings: RelightSettings) -> Occluders:
+    """Chooses the occluder that `settings.shadows` and the shot allow."""
+    nothing = np.zeros(0, dtype=np.int32)
+    if settings.shadows is False or len(pixels.index) == 0:
+        return Occluders(pixels.position, None, None, nothing)
+    if settings.shadows == "single" or proxy is None:
+        depth = depth_scene(surface, pixels, settings.thickness)
+        return Occluders(pixels.position, None, depth, nothing)
+    eye = surface.camera.position(surface.frame).astype(np.float32)
+    shown, gap = _seen_triangle(proxy, eye, pixels)
+    origins = pixels.position + pixels.view * gap[:, None] + pixels.normal * np.float32(settings.offset)
+    return Occluders(origins.astype(np.float32), proxy, None, shown)
+
+
+def _seen_triangle(proxy: ProxyScene, eye: F32, pixels: Pixels) -> tuple[NDArray[np.int32], F32]:
+    """Triangle behind each pixel and how far, metres, the pixel's point lies below it along the view (at least 0).
+
+    A point below the decimated surface would be shadowed by its own triangle, so rays start where the eye meets the
+    proxy. Deeper than 3 cm it is another surface in front, which does shadow it.
+    """
+    along = -pixels.view
+    shown = proxy.first_hits(np.broadcast_to(eye, along.shape).astype(np.float32), along)
+    face = np.maximum(shown, 0)
+    slope = (proxy.normals[face] * along).sum(axis=1)
+    reach = ((proxy.centres[face] - eye) * proxy.normals[face]).sum(axis=1) / np.where(slope == 0, 1, slope)
+    gap = np.linalg.norm(pixels.position - eye, axis=1) - reach
+    good = (shown >= 0) & (slope != 0) & (gap > 0) & (gap < 0.03)
+    return shown, np.where(good, gap, 0).astype(np.float32)
+
+
+def occlusion(
+    occluders: Occluders, pixels: Pixels, part: slice, light: PreparedLight, glow: F32 | None, settings: RelightSettings
+) -> tuple[F32 | None, F32 | None]:
+    """Visibility [P, C] and bounced radiance [3, P, C] of a range of pixels, None where there is nothing to say.
+
+    Args:
+        occluders: of the frame.
+        pixels: of the frame.
+        part: range of pixels.
+        light: whose clusters are asked for.
+        glow: [F + 1, 3] exitant radiance of the proxy's triangles, None for black ones.
+        settings: of the stage.
+    """
+    origins, normals = occluders.origins[part], pixels.normal[part]
+    if occluders.proxy is not None:
+        hits = occluders.proxy.cluster_hits(origins, normals, light)
+        bounced = None if glow is None else np.stack([glow[hits, k] for k in range(3)])
+        return (hits == OPEN).astype(np.float32), bounced
+    if occluders.depth is None:
+        return None, None
+    if settings.shadows != "single":
+        return march(occluders.depth, origins, normals, light.cluster_direction, settings.march_steps), None
+    factor = march(occluders.depth, origins, normals, _main_direction(light), settings.march_steps)
+    return np.repeat(factor, light.cluster_direction.shape[1], axis=1), None
+
+
+def _main_direction(light: PreparedLight) -> F32:
+    """Direction [3, 1] of the brightest cluster: where the paper marches to."""
+    brightest = int(np.argmax(light.cluster_energy.sum(axis=0)))
+    return light.cluster_direction[:, brightest : brightest + 1]

@@ -1,0 +1,168 @@
+"""The proxy mesh as occluder and as second light: batched embree rays, radiosity on its triangles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from yesnt.errors import JobError
+from yesnt.relight.lights import PreparedLight
+
+F32 = NDArray[np.float32]
+I32 = NDArray[np.int32]
+
+OPEN = np.int32(-1)
+"""In a table of hits: the ray met nothing."""
+
+_LIFT = 0.02  # smallest cosine of a shadow ray: a cluster whose centre has set may still have texels above the horizon
+_SET = -0.35  # clusters lower than this hold no texel above the horizon that carries weight
+_RAYS = 1 << 19  # rays a batch: 6 MB each for origins and directions
+
+
+@dataclass(frozen=True)
+class ProxyScene:
+    """A triangle mesh in world metres.
+
+    Attributes:
+        vertices: [V, 3].
+        faces: [F, 3] indices, counter-clockwise seen from outside.
+    """
+
+    vertices: F32
+    faces: I32
+
+    @classmethod
+    def from_arrays(cls, vertices: ArrayLike, faces: ArrayLike) -> ProxyScene:
+        """Checks and copies a mesh.
+
+        Raises:
+            JobError: shapes are wrong, a vertex is not finite, an index is out of range, or there is no triangle.
+        """
+        points = np.ascontiguousarray(vertices, dtype=np.float32)
+        triangles = np.ascontiguousarray(faces, dtype=np.int32)
+        shaped = points.ndim == 2 and triangles.ndim == 2 and points.shape[1:] == triangles.shape[1:] == (3,)
+        if not shaped or len(triangles) == 0 or not np.isfinite(points).all():
+            raise JobError(
+                "The proxy is not a triangle mesh",
+                f"{points.shape}, {triangles.shape}",
+                "[V, 3] finite, [F, 3]",
+                "mend it",
+            )
+        if triangles.min() < 0 or triangles.max() >= len(points):
+            raise JobError(
+                "The proxy names a vertex that it lacks", f"{triangles.max()}", f"< {len(points)}", "mend it"
+            )
+        return cls(points, triangles)
+
+    @cached_property
+    def centres(self) -> F32:
+        """Centroids [F, 3]."""
+        return self.vertices[self.faces].mean(axis=1)
+
+    @cached_property
+    def normals(self) -> F32:
+        """Unit face normals [F, 3]; 0 for a degenerate face."""
+        a, b, c = (self.vertices[self.faces[:, i]] for i in range(3))
+        cross = np.cross(b - a, c - a)
+        length = np.linalg.norm(cross, axis=1, keepdims=True)
+        return np.where(length > 0, cross / np.maximum(length, 1e-30), 0).astype(np.float32)
+
+    @cached_property
+    def _scene(self) -> Any:
+        from embreex.mesh_construction import TriangleMesh
+        from embreex.rtcore_scene import EmbreeScene
+
+        scene = EmbreeScene()
+        TriangleMesh(scene, self.vertices, self.faces)
+        return scene
+
+    def first_hits(self, origins: F32, directions: F32) -> I32:
+        """Index of the first triangle along each ray [R, 3], or OPEN: [R]."""
+        if len(origins) == 0:
+            return np.zeros(0, dtype=np.int32)
+        return self._scene.run(np.ascontiguousarray(origins), np.ascontiguousarray(directions), query="INTERSECT")
+
+    def cluster_hits(self, origins: F32, normals: F32, light: PreparedLight) -> I32:
+        """What each point [P, 3] sees towards each light cluster: [P, C], OPEN where nothing is in the way.
+
+        Clusters below a point's horizon are OPEN: they carry no light there. Those at it are lifted just above.
+        """
+        count, clusters = len(origins), light.cluster_direction.shape[1]
+        hits = np.full((count, clusters), OPEN, dtype=np.int32)
+        step = max(1, _RAYS // clusters)
+        for first in range(0, count, step):
+            part = slice(first, min(first + step, count))
+            where, start, along = _rays(origins[part], normals[part], light.cluster_direction)
+            hits[part].reshape(-1)[where] = self.first_hits(start, along)
+        return hits
+
+    def radiance(self, light: PreparedLight, albedo: F32, bounces: int, offset: float) -> F32:
+        """Exitant radiance of every triangle [F + 1, 3] after `bounces` diffuse bounces; row -1 (OPEN) is 0.
+
+        Radiosity by gathering (Cohen & Greenberg 1985) with the light's clusters as directions: no noise.
+        """
+        result = np.zeros((len(self.faces) + 1, 3), dtype=np.float32)
+        if bounces < 1:
+            return result
+        hits = self.cluster_hits(self.centres + self.normals * np.float32(offset), self.normals, light)
+        cosine = np.maximum(self.normals @ light.cluster_direction, 0)
+        direct = (cosine * (hits == OPEN)) @ light.cluster_energy.T
+        solid = cosine * light.cluster_solid_angle
+        result[:-1] = albedo / np.pi * direct
+        for _ in range(bounces - 1):
+            gathered = np.stack([(solid * result[hits, k]).sum(axis=1) for k in range(3)], axis=-1)
+            result[:-1] = albedo / np.pi * (direct + gathered)
+        return result
+
+    def paint(self, hits: I32, colour: F32) -> F32:
+        """Colours of all triangles [F, 3] from pixels [P, 3] and the triangle each pixel shows [P].
+
+        Triangles that no pixel shows take the colour of the nearest shown one; with none shown, the pixels' mean.
+        """
+        from scipy.spatial import cKDTree
+
+        seen = hits >= 0
+        size = len(self.faces)
+        count = np.bincount(hits[seen], minlength=size)
+        total = np.stack([np.bincount(hits[seen], colour[seen, k], minlength=size) for k in range(3)], axis=-1)
+        if not count.any():
+            mean = colour.mean(axis=0) if len(colour) else np.zeros(3)
+            return np.broadcast_to(mean, (size, 3)).astype(np.float32)
+        shown = np.flatnonzero(count)
+        known = total[shown] / count[shown, None]
+        _, nearest = cKDTree(self.centres[shown]).query(self.centres)
+        return known[nearest].astype(np.float32)
+
+
+@njit(cache=True, error_model="numpy")
+def _rays(origins, normals, directions):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Rays of points [P, 3] towards clusters [3, C] that are not set: flat index, origins and unit directions."""
+    count, clusters = origins.shape[0], directions.shape[1]
+    where = np.empty(count * clusters, dtype=np.int64)
+    start = np.empty((count * clusters, 3), dtype=np.float32)
+    along = np.empty((count * clusters, 3), dtype=np.float32)
+    n = 0
+    for p in range(count):
+        for c in range(clusters):
+            cosine = np.float32(0)
+            for k in range(3):
+                cosine += normals[p, k] * directions[k, c]
+            if cosine < _SET:
+                continue
+            lift = max(np.float32(_LIFT) - cosine, np.float32(0))
+            length = np.float32(0)
+            for k in range(3):
+                along[n, k] = directions[k, c] + lift * normals[p, k]
+                length += along[n, k] ** 2
+            length = np.sqrt(length)
+            for k in range(3):
+                along[n, k] /= length
+                start[n, k] = origins[p, k]
+            where[n] = p * clusters + c
+            n += 1
+    return where[:n], start[:n], along[:n]

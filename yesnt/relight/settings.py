@@ -1,0 +1,101 @@
+"""Every knob of the relighting stage in one frozen record, and the four named qualities."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from types import MappingProxyType
+from typing import Any, Literal
+
+from yesnt.errors import JobError
+
+BaseColor = Literal["capture_removed", "plate"]
+Brdf = Literal["default", "paper"]
+Shadows = bool | Literal["single"]
+
+
+@dataclass(frozen=True)
+class RelightSettings:
+    """What relighting spends and what it models.
+
+    Attributes:
+        base_color: "capture_removed" inverts the capture light out of the plate; "plate" is the paper's choice.
+        brdf: "default" matches Cycles' Principled; "paper" is the plain formula of method.md section 5.
+        shadows: True: one visibility per light cluster; "single": the paper's one factor; False: none.
+        method: "sum" over the map's texels; "prefiltered": irradiance and filtered specular looked up.
+        texels: rows of the light that relights; columns are twice as many.
+        capture_texels: rows of the capture light.
+        clusters: visibility directions of the light that relights.
+        capture_clusters: visibility directions of the capture light.
+        bounce: diffuse bounces off the proxy (0: what is occluded is black).
+        capture_passes: times the proxy's colour and the base colour are refined from one another.
+        lobe_width: share of a texel's angular width that widens the specular lobe: none may fall between texels.
+        offset: metres that shadow rays start in front of the surface (a decimated proxy lies off the true one).
+        march_steps: samples of a view-space march, where there is no proxy.
+        thickness: metres behind the depth buffer that still occlude in the march; 0: estimated from the matte.
+        tile: pixels that are shaded together; bounds memory.
+    """
+
+    base_color: BaseColor = "capture_removed"
+    brdf: Brdf = "default"
+    shadows: Shadows = True
+    method: Literal["sum", "prefiltered"] = "sum"
+    texels: int = 32
+    capture_texels: int = 16
+    clusters: int = 256
+    capture_clusters: int = 128
+    bounce: int = 2
+    capture_passes: int = 2
+    lobe_width: float = 0.5
+    offset: float = 0.002
+    march_steps: int = 24
+    thickness: float = 0.0
+    tile: int = 8192
+
+    def __post_init__(self) -> None:
+        choices: tuple[tuple[str, tuple[Any, ...]], ...] = (
+            ("base_color", ("capture_removed", "plate")),
+            ("brdf", ("default", "paper")),
+            ("shadows", (True, False, "single")),
+            ("method", ("sum", "prefiltered")),
+        )
+        for name, allowed in choices:
+            _require(getattr(self, name) in allowed, name, getattr(self, name), f"one of {allowed}")
+        for name in ("texels", "capture_texels", "clusters", "capture_clusters", "march_steps", "tile"):
+            _require(getattr(self, name) >= 1, name, getattr(self, name), "at least 1")
+        for name in ("bounce", "capture_passes", "lobe_width", "offset", "thickness"):
+            _require(getattr(self, name) >= 0, name, getattr(self, name), "at least 0")
+
+    @classmethod
+    def from_quality(cls, quality: str, **knobs: Any) -> RelightSettings:
+        """The settings of a named quality, with any knob set by name.
+
+        Raises:
+            JobError: the quality or a knob is unknown, or a value is out of range.
+        """
+        if quality not in QUALITIES:
+            raise JobError(f"Quality '{quality}' is unknown", "quality", ", ".join(QUALITIES), "choose one")
+        known = [field.name for field in fields(cls)]
+        unknown = sorted(set(knobs) - set(known))
+        if unknown:
+            raise JobError(f"Relighting has no knob {', '.join(unknown)}", "quality", ", ".join(known), "mend the name")
+        return replace(QUALITIES[quality], **knobs)
+
+
+def _require(good: bool, name: str, value: object, expected: str) -> None:
+    if not good:
+        raise JobError(f"Relighting's `{name}` cannot be {value!r}", f"quality: {name}", expected, "change it")
+
+
+QUALITIES = MappingProxyType(
+    {
+        "draft": RelightSettings(
+            texels=16, capture_texels=8, clusters=48, capture_clusters=32, bounce=1, capture_passes=1
+        ),
+        "standard": RelightSettings(),
+        "final": RelightSettings(texels=64, clusters=512, capture_clusters=256, bounce=3),
+        "reference": RelightSettings(
+            texels=128, capture_texels=32, clusters=1024, capture_clusters=512, bounce=4, capture_passes=3
+        ),
+    }
+)
+"""Named qualities; `standard` is the default of every entry point."""

@@ -1,0 +1,89 @@
+"""The library's door: a G-buffer of known base colour under an env map (contract.md)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yesnt.camera import Camera
+from yesnt.relight.envmap import EnvMap
+from yesnt.relight.frame import prepare_relight, shade_pixels
+from yesnt.relight.occlusion import find_occluders
+from yesnt.relight.points import Surface, gather_pixels
+from yesnt.relight.settings import Brdf, RelightSettings, Shadows
+
+F32 = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class GBuffer:
+    """Images of one frame, straight.
+
+    Attributes:
+        base_color: [H, W, 3] linear Rec.709, 0..1.
+        roughness: [H, W] Disney r, 0..1.
+        metallic: [H, W] 0..1.
+        normal: [H, W, 3] unit, world.
+        z: [H, W] planar metres; 0, NaN or 1e10 where nothing is.
+        opacity: [H, W] coverage.
+    """
+
+    base_color: NDArray[np.floating]
+    roughness: NDArray[np.floating]
+    metallic: NDArray[np.floating]
+    normal: NDArray[np.floating]
+    z: NDArray[np.floating]
+    opacity: NDArray[np.floating]
+
+
+@dataclass(frozen=True)
+class Shading:
+    """Straight images, 0 where the opacity is 0.
+
+    Attributes:
+        diffuse: [H, W, 3] radiance.
+        specular: [H, W, 3] radiance.
+        shadow: [H, W] lit over unshadowed luminance, 0..1.
+        radiance: [H, W, 3] diffuse + specular.
+    """
+
+    diffuse: F32
+    specular: F32
+    shadow: F32
+    radiance: F32
+
+
+def shade(
+    gbuffer: GBuffer,
+    env: EnvMap,
+    camera: Camera,
+    quality: str | RelightSettings = "standard",
+    shadows: Shadows = True,
+    brdf: Brdf = "default",
+    frame: int | None = None,
+) -> Shading:
+    """Lights a G-buffer; without a proxy, shadows are marched against its z.
+
+    Args:
+        gbuffer: images of one frame.
+        env: the light.
+        camera: of the images' size.
+        quality: a name, or settings of which `shadows` and `brdf` are replaced by the arguments here.
+        shadows: False: none; "single": the paper's one factor; True: one visibility per light cluster.
+        brdf: "paper": exactly the plain formula of method.md section 5; "default": with the terms that match Cycles.
+        frame: which pose of the camera; None: the first.
+
+    Raises:
+        JobError: sizes differ, or a name is unknown.
+    """
+    settings = RelightSettings.from_quality(quality) if isinstance(quality, str) else quality
+    settings = replace(settings, shadows=shadows, brdf=brdf)
+    surface = Surface(gbuffer.normal, gbuffer.z, gbuffer.opacity, gbuffer.roughness, gbuffer.metallic, camera, frame)
+    pixels = gather_pixels(surface)
+    base = np.asarray(gbuffer.base_color, dtype=np.float32).reshape(-1, 3)[pixels.index]
+    base = np.clip(np.nan_to_num(base, nan=0.0), 0, 1)
+    occluders = find_occluders(surface, pixels, None, settings)
+    relit = shade_pixels(base, pixels, occluders, prepare_relight(env, settings), settings)
+    return Shading(relit.diffuse, relit.specular, relit.shadow, relit.radiance)

@@ -1,0 +1,48 @@
+"""The backend that ships with the package: a small conditional diffusion model, one or two steps a draw."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import torch
+
+from yesnt.decompose.backend import Licence
+from yesnt.decompose.network import noised
+from yesnt.decompose.weights import SHIPPED, SMOOTH_SIGMAS, file_digest, load_weights
+
+
+class EmbeddedBackend:
+    """Few-step sampler with the package's own weights.
+
+    Args:
+        path: weights; the shipped ones by default.
+        steps: sampling steps, 1 .. 4; step i starts at time 1 - i / steps.
+    """
+
+    name = "embedded"
+    licence = Licence("Apache-2.0", commercial=True)
+    batch = 8
+
+    def __init__(self, path: Path = SHIPPED, steps: int = 2) -> None:
+        if not 1 <= steps <= 4:
+            raise ValueError(f"steps {steps} must be 1 .. 4")
+        self._network, self.patch = load_weights(path)
+        self.weights_digest = file_digest(path)
+        self.evaluations = steps
+        self.version = f"1-{steps}"
+        self.noise_sigmas = (0.0, 0.0, *SMOOTH_SIGMAS) * steps
+
+    @torch.no_grad()
+    def encode(self, rgb: torch.Tensor, matte: torch.Tensor) -> torch.Tensor:
+        """[8, 3, P, P] and [8, 1, P, P] to [8, C, P/2, P/2]."""
+        return self._network.reader(rgb, matte)
+
+    @torch.no_grad()
+    def sample(self, condition: torch.Tensor, noise: torch.Tensor) -> torch.Tensor:
+        """Denoises from pure noise; between steps the draw is noised again with fresh planes."""
+        steps, clean = self.evaluations, torch.zeros(())
+        for i, planes in enumerate(noise.chunk(steps, 1)):
+            time = torch.full((len(noise),), 1 - i / steps)
+            state = planes[:, :2] if i == 0 else noised(clean, planes[:, :2], time)
+            clean = self._network.denoiser(state, planes[:, 2:], condition, time).clamp(-1, 1)
+        return 0.5 + 0.5 * clean

@@ -1,0 +1,168 @@
+"""The embedded model's network: a U-Net that reads the picture once and a small one that turns noise into materials."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+
+import torch
+from torch import nn
+from torch.nn import functional as F
+
+
+@dataclass(frozen=True)
+class NetworkShape:
+    """Sizes of the network.
+
+    Attributes:
+        widths: channels of the reading U-Net at 1/2, 1/4 and 1/8 of the resolution.
+        depth: residual blocks per level on the way down.
+        condition: channels handed to the denoiser at 1/2 resolution.
+        denoiser: channels of the denoiser at 1/2 and 1/4 resolution.
+        smooth_planes: noise planes besides the two of the state.
+    """
+
+    widths: tuple[int, int, int] = (48, 96, 128)
+    depth: int = 2
+    condition: int = 48
+    denoiser: tuple[int, int] = (40, 64)
+    smooth_planes: int = 3
+
+    def header(self) -> str:
+        """The sizes as JSON."""
+        return json.dumps(asdict(self))
+
+    @classmethod
+    def from_header(cls, text: str) -> NetworkShape:
+        """Reads what `header` wrote."""
+        return cls(
+            **{name: tuple(value) if isinstance(value, list) else value for name, value in json.loads(text).items()}
+        )
+
+
+class PixelNorm(nn.LayerNorm):
+    """Layer norm over the channels of each pixel: a patch's empty surroundings do not enter, unlike with group norm."""
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        """[B, C, h, w] -> the same."""
+        return super().forward(x.permute(0, 2, 3, 1)).permute(0, 3, 1, 2)
+
+
+class Block(nn.Module):
+    """Residual block of two 3x3 convolutions; `time` scales and shifts the middle (0 channels: not conditioned)."""
+
+    def __init__(self, channels: int, time_channels: int = 0) -> None:
+        super().__init__()
+        self.norm = PixelNorm(channels)
+        self.first = nn.Conv2d(channels, channels, 3, padding=1)
+        self.second = nn.Conv2d(channels, channels, 3, padding=1)
+        self.film = nn.Linear(time_channels, 2 * channels) if time_channels else None
+        nn.init.zeros_(self.second.weight)
+
+    def forward(self, x: torch.Tensor, time: torch.Tensor | None = None) -> torch.Tensor:
+        """[B, C, h, w] -> the same."""
+        middle = self.first(self.norm(x))
+        if self.film is not None and time is not None:
+            scale, shift = self.film(time)[:, :, None, None].chunk(2, 1)
+            middle = middle * (1 + scale) + shift
+        return x + self.second(F.silu(middle))
+
+
+class Reader(nn.Module):
+    """RGB and matte to condition features at half the resolution."""
+
+    def __init__(self, shape: NetworkShape) -> None:
+        super().__init__()
+        a, b, c = shape.widths
+        self.stem = nn.Conv2d(16, a, 3, padding=1)
+        self.top = nn.ModuleList([Block(a) for _ in range(shape.depth)])
+        self.down1 = nn.Conv2d(a, b, 2, stride=2)
+        self.middle = nn.ModuleList([Block(b) for _ in range(shape.depth)])
+        self.down2 = nn.Conv2d(b, c, 2, stride=2)
+        self.bottom = nn.ModuleList([Block(c) for _ in range(shape.depth + 1)])
+        self.up2 = nn.Conv2d(c, b, 1)
+        self.rise2 = Block(b)
+        self.up1 = nn.Conv2d(b, a, 1)
+        self.rise1 = Block(a)
+        self.out = nn.Conv2d(a, shape.condition, 1)
+
+    def forward(self, rgb: torch.Tensor, matte: torch.Tensor) -> torch.Tensor:
+        """[B, 3, P, P] linear and [B, 1, P, P] to [B, condition, P/2, P/2]."""
+        # Logarithmic code: the shape of a highlight counts in ratios; 1/64 keeps black's noise small.
+        code = (torch.log1p(64 * rgb.clamp_min(0)) * (2 / 4.174387) - 1) * (matte > 0)
+        top = self.stem(F.pixel_unshuffle(torch.cat([code, matte], 1), 2))
+        for block in self.top:
+            top = block(top)
+        middle = self.down1(top)
+        for block in self.middle:
+            middle = block(middle)
+        bottom = self.down2(middle)
+        for block in self.bottom:
+            bottom = block(bottom)
+        middle = self.rise2(middle + _doubled(self.up2(bottom)))
+        top = self.rise1(top + _doubled(self.up1(middle)))
+        return self.out(top)
+
+
+class Denoiser(nn.Module):
+    """One step: noisy materials, smooth noise and condition to a draw of clean materials.
+
+    It is trained with a proper scoring rule (see `training.py`), hence its output is a sample of p(x0 | x_t, picture),
+    not the mean: the smooth noise planes are what makes draws differ.
+    """
+
+    def __init__(self, shape: NetworkShape) -> None:
+        super().__init__()
+        a, b = shape.denoiser
+        time = 4 * a
+        self.time = nn.Sequential(nn.Linear(2, time), nn.SiLU(), nn.Linear(time, time), nn.SiLU())
+        self.stem = nn.Conv2d(8 + shape.smooth_planes + shape.condition, a, 3, padding=1)
+        self.first = Block(a, time)
+        self.down = nn.Conv2d(a, b, 2, stride=2)
+        self.middle = nn.ModuleList([Block(b, time) for _ in range(2)])
+        self.up = nn.Conv2d(b, a, 1)
+        self.last = Block(a, time)
+        self.out = nn.Sequential(PixelNorm(a), nn.SiLU(), nn.Conv2d(a, 8, 3, padding=1))
+
+    def forward(
+        self, state: torch.Tensor, smooth: torch.Tensor, condition: torch.Tensor, time: torch.Tensor
+    ) -> torch.Tensor:
+        """Draws clean materials.
+
+        Args:
+            state: [B, 2, P, P] x_t, about unit variance.
+            smooth: [B, smooth_planes, P, P] noise.
+            condition: [B, condition, P/2, P/2].
+            time: [B] in (0, 1], 1 is pure noise.
+
+        Returns:
+            [B, 2, P, P], -1 .. 1 stands for 0 .. 1 of the materials.
+        """
+        angle = time[:, None] * (torch.pi / 2)
+        embedding = self.time(torch.cat([angle.sin(), angle.cos()], 1))
+        inputs = torch.cat([F.pixel_unshuffle(state, 2), smooth[:, :, ::2, ::2], condition], 1)
+        top = self.first(self.stem(inputs), embedding)
+        middle = self.down(top)
+        for block in self.middle:
+            middle = block(middle, embedding)
+        return F.pixel_shuffle(self.out(self.last(top + _doubled(self.up(middle)), embedding)), 2)
+
+
+class Network(nn.Module):
+    """Reader and denoiser together."""
+
+    def __init__(self, shape: NetworkShape) -> None:
+        super().__init__()
+        self.shape = shape
+        self.reader = Reader(shape)
+        self.denoiser = Denoiser(shape)
+
+
+def noised(clean: torch.Tensor, noise: torch.Tensor, time: torch.Tensor) -> torch.Tensor:
+    """x_t = cos(pi t / 2) x_0 + sin(pi t / 2) noise (variance preserving, cosine schedule); time [B]."""
+    angle = time[:, None, None, None] * (torch.pi / 2)
+    return angle.cos() * clean + angle.sin() * noise
+
+
+def _doubled(x: torch.Tensor) -> torch.Tensor:
+    return F.interpolate(x, scale_factor=2, mode="nearest")

@@ -1,0 +1,209 @@
+"""Trains the embedded model on pictures of its own making: `python -m yesnt.decompose.training --help`."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch.nn import functional as F
+
+from yesnt.decompose.network import Network, NetworkShape, noised
+from yesnt.decompose.noise_planes import member_noise
+from yesnt.decompose.synthetic.dataset import Patches, draw_patches
+from yesnt.decompose.weights import SMOOTH_SIGMAS, channels_last, save_weights
+
+log = logging.getLogger("yesnt.train")
+
+
+@dataclass(frozen=True)
+class TrainingSettings:
+    """What determines the weights.
+
+    Attributes:
+        seed: of data, noise and first weights.
+        steps: optimiser steps in all.
+        batch: patches per step.
+        crops: patches cropped from one picture.
+        patch: side of a patch.
+        rate: highest learning rate.
+        ema: decay of the averaged weights.
+        bfloat16: compute in bfloat16 (several times faster on CPUs with AMX).
+    """
+
+    seed: int = 0
+    steps: int = 6000
+    batch: int = 24
+    crops: int = 6
+    patch: int = 96
+    rate: float = 1.5e-3
+    ema: float = 0.998
+    bfloat16: bool = True
+
+
+class Trainer:
+    """Network, averaged network and optimiser at a step; everything random is keyed by the step."""
+
+    def __init__(self, settings: TrainingSettings, shape: NetworkShape) -> None:
+        torch.manual_seed(settings.seed)
+        self.settings = settings
+        self.network = channels_last(Network(shape))
+        self.averaged = Network(shape).requires_grad_(False)
+        self.averaged.load_state_dict(self.network.state_dict())
+        self.optimiser = torch.optim.AdamW(self.network.parameters(), weight_decay=1e-4, betas=(0.9, 0.98))
+        self.step = 0
+        self._noise = _noise_pool(settings.seed)
+
+    def advance(self) -> float:
+        """One optimiser step; returns its loss."""
+        patches = self._patches()
+        rate = self._rate()
+        for group in self.optimiser.param_groups:
+            group["lr"] = rate
+        loss = self._loss(*(torch.from_numpy(p) for p in (patches.rgb, patches.matte, patches.truth)))
+        self.optimiser.zero_grad(set_to_none=True)
+        loss.backward()  # type: ignore[no-untyped-call]
+        torch.nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
+        self.optimiser.step()
+        self.step += 1
+        decay = min(self.settings.ema, (1 + self.step) / (10 + self.step))
+        for kept, new in zip(self.averaged.parameters(), self.network.parameters(), strict=True):
+            kept.lerp_(new.detach(), 1 - decay)
+        return float(loss.detach())
+
+    def save(self, path: Path) -> None:
+        """Writes a checkpoint whole or not at all."""
+        state = {
+            "step": self.step,
+            "network": self.network.state_dict(),
+            "averaged": self.averaged.state_dict(),
+            "optimiser": self.optimiser.state_dict(),
+        }
+        part = path.with_suffix(".part")
+        torch.save(state, part)
+        part.replace(path)
+
+    def resume(self, path: Path) -> None:
+        """Continues from a checkpoint."""
+        state = torch.load(path, weights_only=True)
+        self.network.load_state_dict(state["network"])
+        self.averaged.load_state_dict(state["averaged"])
+        self.optimiser.load_state_dict(state["optimiser"])
+        self.step = state["step"]
+
+    def _patches(self) -> Patches:
+        s = self.settings
+        pictures = s.batch // s.crops
+        made = [draw_patches(s.seed, self.step * pictures + i, s.crops, s.patch) for i in range(pictures)]
+        return Patches(*(np.concatenate([getattr(m, name) for m in made]) for name in ("rgb", "matte", "truth")))
+
+    def _rate(self) -> float:
+        """Linear warm-up, then a cosine to zero."""
+        s = self.settings
+        warm = min(1.0, (self.step + 1) / 200)
+        return s.rate * warm * (0.01 + 0.99 * 0.5 * (1 + float(np.cos(np.pi * self.step / s.steps))))
+
+    def _loss(self, rgb: torch.Tensor, matte: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
+        s = self.settings
+        generator = torch.Generator().manual_seed(s.seed * 1_000_003 + self.step)
+        rows = len(rgb)
+        # Half of the rows start from pure noise, which is what the first sampling step does.
+        times = torch.rand(rows, generator=generator).mul(0.9).add(0.05)
+        times[: rows // 2] = 1.0
+        times = times[torch.randperm(rows, generator=generator)]
+        clean = 2 * truth - 1
+        state = noised(clean, torch.randn(clean.shape, generator=generator), times)
+        # Pure-noise rows get fresh noise in both draws: there the state is nothing but a source of chance.
+        other = torch.where((times == 1)[:, None, None, None], torch.randn(clean.shape, generator=generator), state)
+        smooth = self._smooth(generator, 2 * rows, rgb.shape[-1])
+        with torch.autocast("cpu", dtype=torch.bfloat16, enabled=s.bfloat16):
+            condition = self.network.reader(rgb, matte)
+            drawn = self.network.denoiser(
+                torch.cat([state, other]), smooth, torch.cat([condition, condition]), torch.cat([times, times])
+            )
+        first, second = drawn.float().chunk(2)
+        return energy_score(first, second, clean, matte)
+
+    def _smooth(self, generator: torch.Generator, rows: int, patch: int) -> torch.Tensor:
+        """Crops of ready noise fields, of different fields for the two draws of one patch."""
+        fields = torch.randperm(len(self._noise), generator=generator)[:rows].tolist()
+        places = torch.randint(0, self._noise.shape[-1] - patch, (rows, 2), generator=generator).tolist()
+        return torch.stack(
+            [self._noise[f, :, y : y + patch, x : x + patch] for f, (y, x) in zip(fields, places, strict=True)]
+        )
+
+
+def energy_score(first: torch.Tensor, second: torch.Tensor, clean: torch.Tensor, matte: torch.Tensor) -> torch.Tensor:
+    """Energy score of two independent draws against the truth, per pixel and of local means.
+
+    E|X - y| - E|X - X'| / 2 (Gneiting & Raftery 2007, eq. 21) is least in expectation if and only if X is distributed
+    as y: the network learns to draw, with the right spread, in a single step (distributional diffusion,
+    De Bortoli et al. 2025).
+
+    Args:
+        first: [B, 2, P, P] a draw.
+        second: [B, 2, P, P] another.
+        clean: [B, 2, P, P] truth.
+        matte: [B, 1, P, P] weights.
+    """
+    total = torch.zeros(())
+    for size, weight in ((1, 1.0), (4, 0.5), (16, 0.5), (matte.shape[-1], 0.3)):
+        cover = F.avg_pool2d(matte, size)
+
+        def local(x: torch.Tensor, cover: torch.Tensor = cover, size: int = size) -> torch.Tensor:
+            return F.avg_pool2d(x * matte, size) / cover.clamp_min(1e-3)
+
+        a, b, y = local(first), local(second), local(clean)
+        score = 0.5 * ((a - y).abs() + (b - y).abs()) - 0.5 * (a - b).abs()
+        total = total + weight * (score * cover).sum() / (2 * cover.sum())
+    return total
+
+
+def _noise_pool(seed: int, count: int = 96, side: int = 256) -> torch.Tensor:
+    """[count, smooth planes, side, side] ready fields: blurring anew at every step would cost more than the network."""
+    return torch.from_numpy(np.stack([member_noise((seed, -1, k), side, side, SMOOTH_SIGMAS) for k in range(count)]))
+
+
+def train(trainer: Trainer, folder: Path, every: int = 100) -> Iterator[tuple[int, float]]:
+    """Runs to the last step; yields (step, mean loss) and saves a checkpoint and weights every `every` steps."""
+    losses: list[float] = []
+    while trainer.step < trainer.settings.steps:
+        losses.append(trainer.advance())
+        if trainer.step % every == 0 or trainer.step == trainer.settings.steps:
+            trainer.save(folder / "checkpoint.pt")
+            save_weights(trainer.averaged, folder / "embedded.safetensors", trainer.settings.patch)
+            yield trainer.step, float(np.mean(losses))
+            losses.clear()
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The command: trains in FOLDER, continuing where it stopped."""
+    parser = argparse.ArgumentParser(prog="yesnt train", description=__doc__)
+    parser.add_argument("folder", type=Path, help="checkpoint and weights go here")
+    parser.add_argument("--steps", type=int, default=TrainingSettings.steps)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--float32", action="store_true", help="do not compute in bfloat16")
+    options = parser.parse_args(argv)
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
+    torch.set_num_threads(options.threads)
+    options.folder.mkdir(parents=True, exist_ok=True)
+    settings = replace(TrainingSettings(), steps=options.steps, seed=options.seed, bfloat16=not options.float32)
+    trainer = Trainer(settings, NetworkShape())
+    checkpoint = options.folder / "checkpoint.pt"
+    if checkpoint.exists():
+        trainer.resume(checkpoint)
+    start, begun = time.monotonic(), trainer.step
+    for step, loss in train(trainer, options.folder):
+        rate = (step - begun) / (time.monotonic() - start)
+        log.info("step %d of %d, loss %.4f, %.2f steps/s", step, settings.steps, loss, rate)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

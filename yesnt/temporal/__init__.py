@@ -1,1 +1,31 @@
 """Flow, energy and solver: materials that are stable in time (method.md section 4)."""
+
+from yesnt.temporal.blocks import (
+    Border,
+    border_mask,
+    halo_frames,
+    largest_change,
+    solve_block,
+    sweeps_needed,
+    vertical_reach,
+)
+from yesnt.temporal.flow import FlowSettings, flow_and_validity
+from yesnt.temporal.params import EnergyParams, Solution, SolveStats
+from yesnt.temporal.solver import energy, solve
+
+__all__ = [
+    "Border",
+    "EnergyParams",
+    "FlowSettings",
+    "Solution",
+    "SolveStats",
+    "border_mask",
+    "energy",
+    "flow_and_validity",
+    "halo_frames",
+    "largest_change",
+    "solve",
+    "solve_block",
+    "sweeps_needed",
+    "vertical_reach",
+]

@@ -1,0 +1,43 @@
+"""The paper's solver: Adam with default parameters on all pixels at once (Implementation Details), for comparison."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from yesnt.temporal.newton import Array, Limits, NewtonSolver, Problem, State
+
+DEFAULT_RATE = 1e-3
+"""Adam's default learning rate, which the paper uses; too small for this energy, see docs/temporal.md."""
+
+
+def solve_adam(problem: Problem, start: Array, limits: Limits, rate: float = DEFAULT_RATE, every: int = 10) -> State:
+    """Minimises F with Adam (Kingma and Ba 2015, algorithm 1: beta 0.9 and 0.999, epsilon 1e-8).
+
+    Args:
+        problem: one channel.
+        start: [N] first value.
+        limits: `outer` counts blocks of `every` steps, after each of which the gap is certified.
+        rate: constant learning rate.
+        every: steps between certificates; their cost is not the paper's.
+
+    Returns:
+        The best state that a certificate saw.
+    """
+    solver = NewtonSolver(problem)
+    x, mean, square = start.copy(), np.zeros_like(start), np.zeros_like(start)
+    best = State(x=start.copy(), energy=solver.evaluate(x), bound=-np.inf)
+    for step in range(1, limits.outer * every + 1):
+        mean += 0.1 * (solver.gradient - mean)
+        square += 0.001 * (solver.gradient**2 - square)
+        x -= rate * (mean / (1 - 0.9**step)) / (np.sqrt(square / (1 - 0.999**step)) + 1e-8)
+        energy = solver.evaluate(x)
+        if step % every == 0:
+            solver.set_exact_duals(x)
+            best.bound = max(best.bound, solver.bound(x))
+            best.step = float(np.max(np.abs(x - best.x), initial=0.0))
+            best.outer = step
+            if energy < best.energy:
+                best.x, best.energy = x.copy(), energy
+            if best.gap <= limits.tolerance:
+                break
+    return best

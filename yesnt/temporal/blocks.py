@@ -1,0 +1,159 @@
+"""Solving a long sequence in blocks: how far a block must look, and the exchange that makes the blocks one solve.
+
+Along a flow track the influence of a frame decays by rho per frame, rho + 1/rho = 2 + w / (2 lambda2), with w the data
+weight (method.md section 4). Where the confidence is low, rho is close to 1 and no halo is long enough. Hence Schwarz's
+alternating method: sweep 0 solves every block with free ends; in every later sweep a block also holds the frames just
+outside its outer span, fixed to what the neighbours had in the sweep before. All blocks of one sweep are independent.
+
+What a task loads, for a block with core [a, b) and outer span [s, e) of a sequence of T frames:
+
+    sweep 0    observed, confidence, matte of s .. e-1; flow and validity of s .. e-2; border None
+    sweep k    observed, confidence, matte and the value of sweep k-1 of s-1 .. e (where they exist);
+               flow and validity of s-1 .. e-1; border = Border(value, border_mask(...))
+
+and it stores the core's frames only. `largest_change` against sweep k-1 tells when to stop.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yesnt.temporal.newton import Limits, solve_newton
+from yesnt.temporal.params import EnergyParams, Solution
+from yesnt.temporal.solver import channel_problem, check_inputs, collect_stats
+
+BYTES_PER_PIXEL = 130
+"""Peak memory of a solve per matte pixel and frame of its block, bytes, without the dense inputs (measured)."""
+
+
+@dataclass(frozen=True)
+class Border:
+    """What a block takes from the sweep before.
+
+    Attributes:
+        value: [T, H, W] or [C, T, H, W] the previous sweep's result on all frames of the block: fixed pixels keep it,
+            the others start from it.
+        fixed: [T, H, W] bool, True where the value belongs to a neighbour.
+    """
+
+    value: NDArray[np.float32]
+    fixed: NDArray[np.bool_]
+
+
+def decay_per_frame(params: EnergyParams, confidence_floor: float) -> float:
+    """The root rho in [0, 1] of rho + 1/rho = 2 + w / (2 lambda2); 0 without temporal term, 1 without data."""
+    if params.lambda2 == 0:
+        return 0.0
+    ratio = confidence_floor / (2 * params.lambda2)
+    half = 1 + 0.5 * ratio
+    return 1.0 / (half + math.sqrt(half * half - 1))  # not half - sqrt(..): that cancels for large ratios
+
+
+def halo_frames(params: EnergyParams, confidence_floor: float, tolerance: float) -> int:
+    """Frames of halo after which a change outside moves a pixel by less than `tolerance` of itself.
+
+    Args:
+        params: of the energy.
+        confidence_floor: smallest data weight that may fill a track, > 0.
+        tolerance: share of the change that may come through, in (0, 1).
+
+    Raises:
+        ValueError: the floor is not positive (influence reaches without limit) or the tolerance not in (0, 1).
+    """
+    if not confidence_floor > 0:
+        raise ValueError(f"confidence_floor is {confidence_floor}: expected > 0; without data no halo is long enough")
+    if not 0 < tolerance < 1:
+        raise ValueError(f"tolerance is {tolerance}: expected a share in (0, 1)")
+    rho = decay_per_frame(params, confidence_floor)
+    return 0 if rho == 0 else math.ceil(math.log(tolerance) / math.log(rho))
+
+
+def sweeps_needed(params: EnergyParams, confidence_floor: float, tolerance: float, halo: int) -> int:
+    """Exchange sweeps (after sweep 0) that leave less than `tolerance`, for blocks with `halo` frames on each side.
+
+    A fixed frame lies halo + 1 frames outside a core, and as far inside the neighbour's core, so sweep 0 leaves
+    rho^(halo + 1) and each exchange takes rho^(2 halo + 2) of what is left. The figure is for tracks that are weak all
+    along, hence an upper bound in practice; the job stops earlier, when a sweep changes nothing above the tolerance.
+    """
+    missing = halo_frames(params, confidence_floor, tolerance) - (halo + 1)
+    return max(0, math.ceil(missing / (2 * halo + 2)))
+
+
+def border_mask(
+    shape: tuple[int, int, int], frames: tuple[int, int], rows: tuple[int, int] = (0, 0)
+) -> NDArray[np.bool_]:
+    """Marks the border of a block.
+
+    Args:
+        shape: (T, H, W) of the loaded block.
+        frames: border frames at its start and at its end (1 where there is a neighbour, else 0).
+        rows: border rows at its top and at its bottom, at least `vertical_reach` where there is a neighbour.
+
+    Returns:
+        [T, H, W] bool for `Border.fixed`.
+    """
+    fixed = np.zeros(shape, bool)
+    fixed[: frames[0]] = True
+    fixed[shape[0] - frames[1] :] = True
+    fixed[:, : rows[0]] = True
+    fixed[:, shape[1] - rows[1] :] = True
+    return fixed
+
+
+def vertical_reach(flow: NDArray[np.floating], validity: NDArray[Any]) -> int:
+    """Rows that a band's border needs so that every link of its free pixels stays inside the loaded rows."""
+    return int(math.ceil(float(np.max(np.abs(flow[..., 1]) * (validity > 0), initial=0.0)))) + 1
+
+
+def solve_block(
+    observed: Any,
+    confidence: Any,
+    flow: Any,
+    validity: Any,
+    params: EnergyParams,
+    matte: Any,
+    border: Border | None = None,
+    tolerance: float = 1e-5,
+) -> Solution:
+    """One block of one sweep; arrays as in `solve`, over the frames (and rows) that the task loaded.
+
+    Args:
+        observed: [T, H, W] or [C, T, H, W].
+        confidence: like observed, or [T, H, W].
+        flow: [T-1, H, W, 2].
+        validity: [T-1, H, W].
+        params: of the energy.
+        matte: [T, H, W].
+        border: None in sweep 0.
+        tolerance: stops once the last iteration moved no pixel by more and the certified gap is below 1e-4. The gap
+            alone would allow single weak pixels to be further off than a seam may be.
+
+    Returns:
+        The block's value; border pixels as given. The caller stores the core.
+
+    Raises:
+        JobError: as `solve`.
+    """
+    started = time.perf_counter()
+    fixed = None if border is None else border.fixed
+    inputs = check_inputs(observed, confidence, flow, validity, matte, fixed)
+    start = inputs.observed if border is None else np.asarray(border.value, np.float32).reshape(inputs.observed.shape)
+    value, states = start.copy(), []
+    for channel in range(len(value)):
+        problem = channel_problem(inputs, channel, params)
+        state = solve_newton(problem, start[channel][inputs.matte].astype(np.float64), Limits(1e-4, tolerance))
+        value[channel][inputs.matte] = state.x
+        states.append(state)
+    stats = collect_stats(states, 1e-4, inputs.geometry.pixels, time.perf_counter() - started)
+    return Solution(value.reshape(np.shape(observed)), stats)
+
+
+def largest_change(value: NDArray[np.floating], previous: NDArray[np.floating]) -> float:
+    """Largest absolute difference of two sweeps' cores; the exchange stops once it is below the asked tolerance."""
+    return float(np.max(np.abs(value - previous), initial=0.0))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import torch
 from torch import nn
@@ -35,9 +36,8 @@ class NetworkShape:
     @classmethod
     def from_header(cls, text: str) -> NetworkShape:
         """Reads what `header` wrote."""
-        return cls(
-            **{name: tuple(value) if isinstance(value, list) else value for name, value in json.loads(text).items()}
-        )
+        values: dict[str, Any] = json.loads(text)
+        return cls(**{name: tuple(value) if isinstance(value, list) else value for name, value in values.items()})
 
 
 class PixelNorm(nn.LayerNorm):

@@ -1,0 +1,39 @@
+"""Backends without a network, for the laws of blending and sampling."""
+
+import pytest
+import torch
+
+from yesnt.decompose.backend import Licence
+
+
+class FakeBackend:
+    """roughness = mix of the picture and the noise, metallic = the matte."""
+
+    name = "fake"
+    version = "1"
+    licence = Licence("Apache-2.0", commercial=True)
+    patch = 32
+    batch = 4
+    noise_sigmas = (0.0, 6.0)
+    evaluations = 1
+    weights_digest = "0"
+
+    def __init__(self, noise_gain=0.1, batch=4, patch=32):
+        self.noise_gain, self.batch, self.patch = noise_gain, batch, patch
+        self.sampled = 0
+
+    def encode(self, rgb, matte):
+        assert rgb.shape == (self.batch, 3, self.patch, self.patch)
+        assert matte.shape == (self.batch, 1, self.patch, self.patch)
+        return torch.cat([rgb[:, :1], matte], 1)
+
+    def sample(self, condition, noise):
+        self.sampled += 1
+        assert noise.shape == (self.batch, len(self.noise_sigmas), self.patch, self.patch)
+        return torch.cat([condition[:, :1] + self.noise_gain * noise[:, 1:2], condition[:, 1:]], 1)
+
+
+@pytest.fixture
+def fake():
+    """The class, so that a test can choose its parameters or refine it."""
+    return FakeBackend

@@ -37,7 +37,12 @@ class NetworkShape:
     def from_header(cls, text: str) -> NetworkShape:
         """Reads what `header` wrote."""
         values: dict[str, Any] = json.loads(text)
-        return cls(**{name: tuple(value) if isinstance(value, list) else value for name, value in values.items()})
+        return cls(**{name: _frozen(value) for name, value in values.items()})
+
+
+def _frozen(value: Any) -> Any:
+    """JSON's lists as tuples."""
+    return tuple(value) if isinstance(value, list) else value
 
 
 class PixelNorm(nn.LayerNorm):

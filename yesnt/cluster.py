@@ -117,7 +117,6 @@ def _settings() -> dict[str, Any]:
             "MALLOC_TRIM_THRESHOLD_": 65536,
         },
         "distributed.comm.timeouts.connect": f"{_CONNECT_SECONDS}s",
-        "distributed.comm.timeouts.tcp": "10s",
         "distributed.worker.use-file-locking": False,
         "distributed.admin.low-level-log-length": 0,
     }

@@ -15,12 +15,12 @@ from typing import Any
 
 from yesnt import settings as of
 from yesnt.blocks import Block, chunk_blocks
+from yesnt.chunks import ChunkPlan
 from yesnt.decompose.catalogue import BackendIdentity
 from yesnt.graph import Node
 from yesnt.io.jobfile import frame_path
 from yesnt.io.records import key_of
 from yesnt.shot import Job
-from yesnt.temporal.chunks import ChunkPlan
 
 Keys = Mapping[tuple[str, int], str]
 
@@ -155,29 +155,33 @@ class ShotPlan:
     def solve(self, sweep: int, block: Block, keys: Keys) -> Node:
         """One chunk of the temporal solve; later sweeps take their neighbours' border frames from the sweep before."""
         frames = self.job.frames
-        outer = [frames[p] for p in block.outer]
-        needs: list[tuple[str, int]] = [("decompose", f) for f in outer if f not in self.absent]
-        needs += [("flow", f) for f in outer[:-1] if f not in self.unlinked]
-        upstream: list[tuple[str, int]] = list(needs)
-        if sweep:
-            border = self.chunks.borders(block, len(frames))
-            upstream += [(self.solve_stage(sweep - 1), frames[p]) for p in border]
-            upstream += [("flow", frames[p]) for p in (block.outer.start - 1, block.outer.stop - 1)
-                         if 0 <= p < len(frames) - 1 and frames[p] not in self.unlinked]  # fmt: skip
+        loaded = self.chunks.loaded(block, len(frames), sweep)
+        upstream = [("decompose", frames[p]) for p in loaded if frames[p] not in self.absent]
+        upstream += [("flow", frames[p]) for p in loaded[:-1] if frames[p] not in self.unlinked]
+        previous = self.solve_stage(sweep - 1) if sweep else None
+        if previous is not None:
+            upstream += [(previous, frames[p]) for p in loaded]
+            upstream += [(self.solve_stage(sweep - 2), frames[p]) for p in loaded if sweep > 1]
         shot = self.job.shot
         settings = {
             "energy": dataclasses.asdict(of.energy_params(shot)),
             "temporal": shot.temporal.model_dump(mode="json", include={"enabled", "method", "tolerance", "robust"}),
             "block": [block.core.start, block.core.stop, block.outer.start, block.outer.stop],
-            "absent": sorted(self.absent & set(outer)),
+            "absent": sorted(self.absent & {frames[p] for p in loaded}),
             "sweep": sweep,
         }
         stage = self.solve_stage(sweep)
+        arguments = {
+            "block": block,
+            "loaded": (loaded.start, loaded.stop),
+            "previous": previous,
+            "before_previous": self.solve_stage(sweep - 2) if sweep > 1 else None,
+            "absent": tuple(self.absent),
+            "unlinked": tuple(self.unlinked),
+        }
         fields = self._fields(stage, settings, {}, upstream, keys)
-        needed = tuple(dict.fromkeys(self._node_of(name, frame) for name, frame in upstream))
-        arguments = {"block": block, "sweep": sweep, "previous": self.solve_stage(sweep - 1) if sweep else None,
-                     "absent": tuple(settings["absent"]), "unlinked": tuple(sorted(self.unlinked))}  # fmt: skip
-        return Node(stage, block.index, tuple(frames[p] for p in block.core), fields, needed, arguments)
+        needs = tuple(dict.fromkeys(self._node_of(name, frame) for name, frame in upstream))
+        return Node(stage, block.index, tuple(frames[p] for p in block.core), fields, needs, arguments)
 
     def relight(self, frame: int, keys: Keys) -> Node:
         """One frame with the capture light taken out and the new light put in."""

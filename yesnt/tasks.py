@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -62,38 +61,43 @@ def decompose(space: Workspace) -> None:
 
 def flow(space: Workspace) -> None:
     """Flow of one frame to the next and its validity."""
-    from yesnt.temporal.flow import flow_and_validity, validity_of
+    from yesnt.temporal.flow import flow_and_validity, sample_next
 
     job, frame = space.job, space.node.frames[0]
     after = job.frames[job.position(frame) + 1]
     now, then = capture.read_plate(job, frame), capture.read_plate(job, after)
     settings = of.flow_settings(job.shot)
-    given = capture.read_flow(job, frame) if job.shot.flow.path is not None else None
-    with space.kernel():
-        if given is None:
+    if job.shot.flow.path is not None:
+        vectors = capture.read_flow(job, frame)
+        with space.kernel():
+            seen = sample_next(then.color, vectors, now.matte > 0.5, then.matte > 0.5)[1]
+            validity = seen.astype(np.float32)
+    else:
+        with space.kernel():
             vectors, validity = flow_and_validity(now.color, then.color, now.matte, then.matte, settings)
-        else:
-            vectors, validity = given, validity_of(given, now.matte, then.matte)
     space.commit(frame, {"flow": vectors.transpose(2, 0, 1), "validity": validity[None]})
+
+
+def solve(space: Workspace) -> None:
+    """One chunk of one sweep of the temporal solve."""
+    from yesnt.solve_task import solve as run
+
+    run(space)
 
 
 def relight(space: Workspace) -> None:
     """One frame: capture light out, new light in."""
-    from yesnt.relight.frame import FrameInputs, relight_frame
+    from yesnt.relight import FrameInputs, Surface, relight_frame
 
     job, frame = space.job, space.node.frames[0]
-    camera = _camera(str(Path(job.root) / job.shot.camera))
-    plate, surface = capture.read_plate(job, frame), capture.read_surface(job, frame, camera)
-    material = space.read("solve", "material", frame)
-    settings = of.relight_settings(job.shot)
+    camera = _camera(str(frame_path(job.root, job.shot.camera, 0)))
+    plate, seen = capture.read_plate(job, frame), capture.read_surface(job, frame, camera)
+    roughness, metallic = space.read("solve", "material", frame)
     proxy = _proxy(job, frame)
     with space.kernel():
-        inputs = FrameInputs(
-            plate.color, plate.matte, surface.z, surface.normal, material[0], material[1], camera, frame
-        )
-        light = _light(space, job.shot.light, "light")
-        captured = _light(space, job.shot.capture_light, "capture")
-        relit = relight_frame(inputs, light, captured, proxy, settings)
+        surface = Surface(seen.normal, seen.z, plate.matte, roughness, metallic, camera, frame)
+        light, captured = _light(space, job.shot.light, "light"), _light(space, job.shot.capture_light, "capture")
+        relit = relight_frame(FrameInputs(plate.color, surface), light, captured, proxy, of.relight_settings(job.shot))
     space.commit(
         frame,
         {
@@ -110,7 +114,7 @@ def composite(space: Workspace) -> None:
     from yesnt.composite import associate, over
 
     job, frame = space.job, space.node.frames[0]
-    camera = _camera(str(Path(job.root) / job.shot.camera))
+    camera = _camera(str(frame_path(job.root, job.shot.camera, 0)))
     plate, surface = capture.read_plate(job, frame), capture.read_surface(job, frame, camera)
     diffuse, specular, shadow = (space.read("relight", name, frame) for name in ("diffuse", "specular", "shadow"))
     background = capture.read_background(job, frame)
@@ -174,10 +178,10 @@ def _proxy(job: Job, frame: int) -> Any:
     if job.shot.proxy is None:
         return None
     from yesnt.io.mesh import read_mesh
-    from yesnt.relight.proxy import ProxyScene
+    from yesnt.relight import ProxyScene
 
     mesh = read_mesh(frame_path(job.root, job.shot.proxy.path, frame))
-    return ProxyScene.build(mesh.vertices, mesh.faces)
+    return ProxyScene.from_arrays(mesh.vertices, mesh.faces)
 
 
 @lru_cache(maxsize=4)
@@ -205,8 +209,7 @@ def _light(space: Workspace, spec: LightInput | None, role: str) -> Any:
 @lru_cache(maxsize=2)
 def _env_map(root: str, spec: LightInput | None, digest: str) -> EnvMap:
     """A map stays in the worker; its digest is part of what it is remembered by."""
-    from yesnt.relight import EnvMap
-    from yesnt.relight.lights import uniform_light
+    from yesnt.relight import EnvMap, uniform_light
 
     del digest
     if spec is None:
@@ -217,14 +220,16 @@ def _env_map(root: str, spec: LightInput | None, digest: str) -> EnvMap:
 
 @lru_cache(maxsize=4)
 def _prepared_light(root: str, spec: LightInput | None, digest: str, settings: Any, role: str) -> Any:
-    from yesnt.relight.lights import prepare_light
+    from yesnt.relight import prepare_capture, prepare_relight
 
-    return prepare_light(_env_map(root, spec, digest), settings, role)
+    prepare = prepare_capture if role == "capture" else prepare_relight
+    return prepare(_env_map(root, spec, digest), settings)
 
 
 _TASKS: dict[str, Callable[[Workspace], None]] = {
     "decompose": decompose,
     "flow": flow,
+    "solve": solve,
     "relight": relight,
     "composite": composite,
     "preview": preview,

@@ -48,6 +48,11 @@ def read_plate(job: Job, frame: int) -> Plate:
     return _plate(job, job.shot.plate, frame)
 
 
+def read_matte(job: Job, frame: int) -> NDArray[np.float32]:
+    """The matte of a frame, [H, W] in [0, 1]."""
+    return read_plate(job, frame).matte
+
+
 def read_background(job: Job, frame: int) -> NDArray[np.float32] | None:
     """The background of a frame as associated linear colour [H, W, 3], or None if the job names none."""
     if job.shot.background is None:

@@ -1,0 +1,216 @@
+"""The verbs (contract.md). Each reads its options, calls one function of the layers below, prints what came back."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from yesnt.cli import text
+
+app = typer.Typer(
+    help="Relights volumetric video: decompose, stabilise, relight, composite.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+ShotArgument = Annotated[Path, typer.Argument(metavar="SHOT", help="shot.yaml or its folder")]
+JsonOption = Annotated[bool, typer.Option("--json", help="one JSON document on stdout")]
+FramesOption = Annotated[str | None, typer.Option(help="frames, as 1001-1010x2,1020")]
+WorkersOption = Annotated[int, typer.Option(min=1, max=1024, help="worker processes, one thread each")]
+ClusterOption = Annotated[str, typer.Option(help="local, or the address of a running scheduler")]
+
+
+@app.command()
+def run(
+    shot: ShotArgument,
+    workers: WorkersOption = 2,
+    cluster: ClusterOption = "local",
+    frames: FramesOption = None,
+    until: Annotated[str | None, typer.Option(metavar="STAGE", help="stop after this stage")] = None,
+    json: JsonOption = False,
+) -> int:
+    """Run a shot; what is done already is not done again."""
+    from yesnt.cluster import ClusterSpec
+    from yesnt.session import RunOptions, Session
+
+    return _drive(Session(shot), RunOptions(frames, until, ClusterSpec(cluster, workers)), json)
+
+
+@app.command()
+def demo(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="where the shot is put")] = Path("demo"),
+    workers: WorkersOption = 2,
+    json: JsonOption = False,
+) -> int:
+    """Run the main job on the embedded shot with two local workers."""
+    from yesnt.cluster import ClusterSpec
+    from yesnt.embedded import copy_embedded_shot
+    from yesnt.session import RunOptions, Session
+
+    return _drive(Session(copy_embedded_shot(folder)), RunOptions(cluster=ClusterSpec("local", workers)), json)
+
+
+@app.command()
+def init(folder: Annotated[Path, typer.Argument(metavar="DIR")]) -> None:
+    """Write a commented shot.yaml and the folders it expects."""
+    from yesnt.embedded import write_template
+
+    print(f"Wrote {write_template(folder)}: put your files where it says, then `yesnt plan {folder}`.")
+
+
+@app.command()
+def plan(shot: ShotArgument, json: JsonOption = False) -> None:
+    """Say what a run would do, why, and what it would cost; nothing runs."""
+    from yesnt.cli.plan import print_plan
+    from yesnt.forecast import forecast
+    from yesnt.session import Session
+
+    found = forecast(Session(shot))
+    if json:
+        text.print_json(found.as_json())
+    else:
+        print_plan(found)
+
+
+@app.command()
+def status(shot: ShotArgument, json: JsonOption = False) -> None:
+    """Show the state of every frame of every stage."""
+    from yesnt.audit import as_json, states
+    from yesnt.session import Session
+
+    found = states(Session(shot))
+    if json:
+        text.print_json({"frames": as_json(found)})
+    else:
+        text.print_states(found)
+
+
+@app.command()
+def explain(shot: ShotArgument, frame: int, json: JsonOption = False) -> None:
+    """Say why a frame would be computed again, or that it would not."""
+    from yesnt.audit import as_json
+    from yesnt.audit import explain as find
+    from yesnt.session import Session
+
+    found = find(Session(shot), frame)
+    if json:
+        text.print_json({"frame": frame, "stages": as_json(found)})
+    else:
+        text.print_table(
+            ("stage", "state", "why"), ((s.stage, s.state, s.why or "everything is as it was") for s in found)
+        )
+
+
+@app.command()
+def retry(
+    shot: ShotArgument,
+    frames: FramesOption = None,
+    stage: Annotated[list[str] | None, typer.Option(help="stage to do again; may be given more than once")] = None,
+    workers: WorkersOption = 2,
+    cluster: ClusterOption = "local",
+    json: JsonOption = False,
+) -> int:
+    """Do frames again: forgets their records and marks of death, then runs."""
+    from yesnt.audit import forget
+    from yesnt.cluster import ClusterSpec
+    from yesnt.session import RunOptions, Session
+    from yesnt.stages import STAGES
+
+    session = Session(shot)
+    with session.output.lock():
+        forget(session, stage or list(STAGES), frames)
+    return _drive(Session(shot), RunOptions(cluster=ClusterSpec(cluster, workers)), json)
+
+
+@app.command()
+def verify(
+    shot: ShotArgument,
+    repair: Annotated[bool, typer.Option("--repair", help="make the damaged frames again, and only these")] = False,
+    workers: WorkersOption = 2,
+    json: JsonOption = False,
+) -> int:
+    """Read everything that is committed and compare it with its record."""
+    from yesnt.audit import as_json
+    from yesnt.audit import verify as find
+    from yesnt.cluster import ClusterSpec
+    from yesnt.session import RunOptions, Session
+
+    session = Session(shot)
+    damage = find(session)
+    if json and not repair:
+        text.print_json({"damaged": as_json(damage)})
+    elif not json:
+        for found in damage:
+            print(f"{found.stage} {found.frame}: {found.what}")
+        print(f"{len(damage)} damaged" if damage else "Everything is as it was committed.")
+    if not (damage and repair):
+        return 1 if damage else 0
+    for found in damage:
+        session.book.forget(found.stage, found.frame)
+    return _drive(session, RunOptions(cluster=ClusterSpec("local", workers)), json)
+
+
+@app.command()
+def doctor(json: JsonOption = False) -> int:
+    """Show versions, threads, security floors, scratch speed, and optional parts."""
+    from yesnt.doctor import examine
+
+    findings = examine()
+    if json:
+        text.print_json([finding.__dict__ for finding in findings])
+    else:
+        text.print_table(("", "part", "found", "do"), ((f.mark, f.part, f.found, f.do) for f in findings))
+    return 1 if any(finding.mark == "bad" for finding in findings) else 0
+
+
+def _drive(session: object, options: object, json: bool) -> int:
+    """Runs with progress and prints where the results are; 3 if frames are missing."""
+    from yesnt.cli.progress import BarProgress, LineProgress
+    from yesnt.session import RunOptions, Session
+
+    assert isinstance(session, Session)
+    assert isinstance(options, RunOptions)
+    if json:
+        result = session.run(options)
+    else:
+        progress = BarProgress() if sys.stdout.isatty() else LineProgress()
+        with progress:
+            result = session.run(options, progress)
+    missing = [{"stage": s, "frame": f, "why": why} for (s, f), why in sorted(result.missing.items())]
+    if json:
+        text.print_json(
+            {
+                "done": len(result.outcome.done),
+                "reused": len(result.outcome.reused),
+                "missing": missing,
+                "warnings": result.warnings,
+                "exr": str(session.output.exr),
+                "preview": str(session.output.run / "preview.mp4"),
+                "dashboard": result.dashboard,
+                "busy_seconds": result.outcome.busy_seconds,
+                "kernel_seconds": result.outcome.kernel_seconds,
+            }
+        )
+    else:
+        _print_result(session, result.warnings, missing)
+    return 3 if missing else 0
+
+
+def _print_result(session: object, warnings: list[str], missing: list[dict[str, object]]) -> None:
+    from yesnt.session import Session
+
+    assert isinstance(session, Session)
+    for warning in warnings:
+        print(f"Warning: {warning}")
+    for row in missing:
+        print(f"Missing: frame {row['frame']} of {row['stage']}: {row['why']}")
+    output = session.output
+    print(f"EXR sequence: {output.exr}")
+    print(f"Preview:      {output.run / 'preview.mp4'} and contact_sheet.png")
+    if missing:
+        print("Some frames are missing; `yesnt retry SHOT` tries them again.")

@@ -1,0 +1,94 @@
+"""Progress of a run: bars on a terminal, lines that a farm can parse elsewhere."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Mapping
+from typing import Any
+
+from yesnt.cli.text import done_line
+
+
+class LineProgress:
+    """One line an event, and `progress N%` after each finished task (what farms look for)."""
+
+    def __init__(self) -> None:
+        self._total = self._done = 0
+
+    def __enter__(self) -> LineProgress:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        sys.stdout.flush()
+
+    def __call__(self, event: Mapping[str, Any]) -> None:
+        """Takes one event of the driver."""
+        kind = event["event"]
+        if kind == "plan":
+            self._total, self._done = sum(event["stages"].values()), sum(event["reused"].values())
+            print(f"{self._total} tasks, {self._done} done already", flush=True)
+        elif kind == "cluster":
+            print(f"Dask dashboard: {event['dashboard']}", flush=True)
+        elif kind == "done":
+            self._done += 1
+            print(f"{done_line(event)}\nprogress {100 * self._done // max(1, self._total)}%", flush=True)
+        elif kind in ("retry", "failed", "worker_died", "dead"):
+            print(f"Frame {event['frames'][0]} {event['stage']} {kind}: {event['reason']}", flush=True)
+
+
+class BarProgress:
+    """A bar a stage with rate and time left."""
+
+    def __init__(self) -> None:
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+        self._progress = Progress(
+            TextColumn("{task.description:<10}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[rate]}"),
+            TimeRemainingColumn(),
+        )
+        self._bars: dict[str, Any] = {}
+        self._began: dict[str, float] = {}
+        self._count: dict[str, int] = {}
+
+    def __enter__(self) -> BarProgress:
+        self._progress.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._progress.stop()
+
+    def __call__(self, event: Mapping[str, Any]) -> None:
+        """Takes one event of the driver."""
+        kind = event["event"]
+        if kind == "plan":
+            self._lay_out(event)
+        elif kind == "cluster":
+            self._progress.console.print(f"Dask dashboard: {event['dashboard']}")
+        elif kind == "start":
+            self._began.setdefault(_stage(event), time.monotonic())
+        elif kind == "done":
+            self._advance(_stage(event))
+        elif kind in ("retry", "failed", "worker_died", "dead"):
+            self._progress.console.print(f"Frame {event['frames'][0]} {event['stage']} {kind}: {event['reason']}")
+
+    def _lay_out(self, event: Mapping[str, Any]) -> None:
+        for stage, total in event["stages"].items():
+            done = event["reused"].get(stage, 0)
+            if stage not in self._bars:
+                self._bars[stage] = self._progress.add_task(stage, total=total, completed=done, rate="")
+            self._progress.update(self._bars[stage], total=total, completed=done)
+
+    def _advance(self, stage: str) -> None:
+        self._count[stage] = self._count.get(stage, 0) + 1
+        rate = self._count[stage] / max(1e-6, time.monotonic() - self._began.get(stage, time.monotonic()))
+        self._progress.update(
+            self._bars[stage], advance=1, rate=f"{rate:.1f}/s" if rate >= 1 else f"{1 / rate:.1f} s each"
+        )
+
+
+def _stage(event: Mapping[str, Any]) -> str:
+    return str(event["stage"]).partition(".")[0]

@@ -1,0 +1,65 @@
+"""What the commands print: paragraphs, tables, JSON."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from yesnt.errors import YesntError
+
+if TYPE_CHECKING:
+    from yesnt.audit import FrameState
+
+
+def print_error(error: YesntError, as_json: bool) -> None:
+    """One paragraph on stderr, or one JSON document on stdout."""
+    if as_json:
+        print_json({"error": {"what": error.what, "where": error.where, "expected": error.expected, "do": error.do}})
+    else:
+        print(f"yesnt: {error}", file=sys.stderr)
+
+
+def print_json(document: Any) -> None:
+    """One JSON document on stdout."""
+    print(json.dumps(document, indent=1, sort_keys=True, default=str))
+
+
+def print_table(header: Iterable[str], rows: Iterable[Iterable[object]]) -> None:
+    """Left-aligned columns, as wide as they need to be."""
+    lines = [[str(cell) for cell in row] for row in (header, *rows)]
+    widths = [max(len(line[i]) for line in lines) for i in range(len(lines[0]))]
+    for line in lines:
+        print("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip())
+
+
+def print_states(found: list[FrameState]) -> None:
+    """One row a stage, frames counted by state; frames that are dead or stale are named below."""
+    stages = list(dict.fromkeys(state.stage for state in found))
+    counts = Counter((state.stage, state.state) for state in found)
+    kinds = ("done", "stale", "waiting", "dead")
+    print_table(("stage", *kinds), ([s, *(counts[s, kind] for kind in kinds)] for s in stages))
+    for state in found:
+        if state.state in ("dead", "stale"):
+            print(f"{state.stage} {state.frame} {state.state}: {state.why}")
+
+
+def seconds(value: float) -> str:
+    """`83.1 s`, `12 min`, `3.4 h`."""
+    if value < 120:
+        return f"{value:.1f} s"
+    return f"{value / 60:.0f} min" if value < 7200 else f"{value / 3600:.1f} h"
+
+
+def gigabytes(value: float) -> str:
+    """`1.9 GB` or `25 MB`."""
+    return f"{value / 1e9:.1f} GB" if value >= 1e9 else f"{value / 1e6:.0f} MB"
+
+
+def done_line(event: Mapping[str, Any]) -> str:
+    """A line that a farm can parse: `Frame 1012 relight done 0.8s 0.61GB`."""
+    frames = event["frames"]
+    span = str(frames[0]) if len(frames) == 1 else f"{frames[0]}-{frames[-1]}"
+    return f"Frame {span} {event['stage']} done {event['seconds']:.1f}s {event['peak_bytes'] / 1e9:.2f}GB"

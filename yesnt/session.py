@@ -1,0 +1,230 @@
+"""One run of a shot: check, lock, lay out, drive; and the questions about it that need no cluster."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from yesnt import settings as of
+from yesnt.chunks import plan_chunks
+from yesnt.cluster import ClusterSpec, open_cluster
+from yesnt.driver import Driver, DriverSettings, Outcome
+from yesnt.errors import UsageError
+from yesnt.graph import Graph, Node, NodeId
+from yesnt.io.durable import sweep_partials, write_json
+from yesnt.io.jobfile import parse_frames
+from yesnt.io.output import OutputFolder
+from yesnt.io.records import RecordBook
+from yesnt.io.store import FrameStore
+from yesnt.preflight import Resolved, inspect, resolve
+from yesnt.stages import STAGES, ShotPlan, stage_of
+from yesnt.tasks import run_node
+from yesnt.workflows.shot import shot_graph
+
+Listener = Callable[[Mapping[str, Any]], None]
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """What the command line adds to a job.
+
+    Attributes:
+        frames: the frames to deliver, as a range; None: all. Their chunks and halos are made too.
+        until: the last stage to run; None: all.
+        cluster: where tasks run.
+        driver: retries and deaths.
+    """
+
+    frames: str | None = None
+    until: str | None = None
+    cluster: ClusterSpec = field(default_factory=ClusterSpec)
+    driver: DriverSettings = field(default_factory=DriverSettings)
+
+
+@dataclass
+class RunResult:
+    """What a run left: outcome over all passes, frames that are missing and why."""
+
+    outcome: Outcome = field(default_factory=Outcome)
+    missing: dict[tuple[str, int], str] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+    output: Path = Path()
+    dashboard: str = ""
+
+
+@dataclass(frozen=True)
+class Missing:
+    """Frames that cannot be had, by what they are missing for."""
+
+    reasons: Mapping[tuple[str, int], str]
+
+    def frames(self, *stages: str) -> frozenset[int]:
+        """Frames missing from any of these stages."""
+        return frozenset(frame for stage, frame in self.reasons if stage_of(stage).name in stages)
+
+
+class Session:
+    """A resolved job and its output folder.
+
+    Args:
+        path: the job file or its folder.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.resolved: Resolved = resolve(path)
+        self.job = self.resolved.job
+        self.output = OutputFolder.of(self.job)
+        self.book = RecordBook(self.output.records)
+
+    def plan(self, missing: Missing | None = None) -> ShotPlan:
+        """The nodes' builder; frames in `missing` are done without."""
+        missing = missing or Missing(self.marked_dead())
+        shot = self.job.shot
+        chunks = plan_chunks(of.energy_params(shot), shot.temporal, shot.temporal.tolerance)
+        return ShotPlan(
+            self.job,
+            self.resolved.digests,
+            self.resolved.backend,
+            chunks,
+            missing.frames("decompose"),
+            missing.frames("flow"),
+            missing.frames("solve", "relight", "composite"),
+        )
+
+    def graph(self, missing: Missing | None = None) -> Graph:
+        """All nodes of the shot."""
+        return shot_graph(self.plan(missing))
+
+    def targets(self, graph: Graph, options: RunOptions) -> list[NodeId]:
+        """The nodes that a run is asked for.
+
+        Raises:
+            UsageError: an unknown stage, or frames that the shot has not.
+        """
+        if options.until is not None and options.until not in STAGES:
+            raise UsageError(
+                f"No stage {options.until!r}", "--until", f"one of {', '.join(STAGES)}", "check its spelling"
+            )
+        wanted = set(self.job.frames if options.frames is None else parse_frames(options.frames, "--frames"))
+        unknown = sorted(wanted - set(self.job.frames))
+        if unknown:
+            raise UsageError(
+                f"The shot has no frame {unknown[0]}", "--frames", self.job.shot.frames, "choose among these"
+            )
+        last = options.until or ("preview" if options.frames is None else "composite")
+        if last in ("preview", "composite") and not wanted.isdisjoint(self.job.frames):
+            chosen = [n.id for n in graph if n.stage == last and not wanted.isdisjoint(n.frames)]
+            return chosen if last == "composite" else [n.id for n in graph if n.stage in ("composite", "preview")]
+        return [n.id for n in graph if stage_of(n.stage).name == last and not wanted.isdisjoint(n.frames)]
+
+    def run(self, options: RunOptions, listen: Listener = lambda event: None) -> RunResult:
+        """Runs what is not done; frames that cannot be had are left out so that all others finish.
+
+        Raises:
+            YesntError: bad input, a full disk, a lost scheduler.
+        """
+        warnings = inspect(self.resolved)
+        self.targets(self.graph(), options)  # a wrong option is told before anything is written
+        result = RunResult(warnings=warnings, output=self.output.root)
+        with self.output.lock(), self._events(listen) as tell:
+            sweep_partials(self.output.root)
+            self.output.exr.mkdir(parents=True, exist_ok=True)
+            result.missing = dict(self.marked_dead())
+            with closing(_LazyCluster(options.cluster, tell)) as cluster:
+                while self._pass(options, result, cluster, tell):
+                    pass
+            result.dashboard = cluster.dashboard
+        return result
+
+    def _pass(self, options: RunOptions, result: RunResult, cluster: _LazyCluster, tell: Listener) -> bool:
+        """Drives the graph once; True if frames were lost that the next pass must do without."""
+        plan = self.plan(Missing(result.missing))
+        graph = shot_graph(plan)
+        graph = graph.closure(self.targets(graph, options))
+        FrameStore.create(
+            self.output.store, plan.arrays(), len(self.job.frames), self.job.height, self.job.width
+        )  # fmt: skip
+        driver = Driver(self.job, graph, self.book, run_node, options.driver, tell)
+        reused = driver.reuse()
+        tell({"event": "plan", "stages": _count(graph), "reused": _count_ids(reused.reused)})
+        outcome = driver.run(cluster.client()) if driver.remaining else reused
+        _merge(result.outcome, outcome)
+        for reasons in (outcome.failed, outcome.dead):
+            for node_id, reason in reasons.items():
+                node = graph.nodes[node_id]
+                result.missing |= {(node.stage, frame): reason for frame in node.frames}
+                if reasons is outcome.dead:
+                    self._mark_dead(node, reason)
+        return bool((outcome.failed or outcome.dead) and outcome.blocked)
+
+    def marked_dead(self) -> dict[tuple[str, int], str]:
+        """Frames that killed their workers in an earlier run; `retry` takes the marks away."""
+        marks = {}
+        for path in sorted(self.output.dead.glob("*/*.json")):
+            document = json.loads(path.read_text())
+            marks[document["stage"], document["frame"]] = document["reason"]
+        return marks
+
+    def _mark_dead(self, node: Node, reason: str) -> None:
+        for frame in node.frames:
+            path = self.output.dead / node.stage / f"{frame:04d}.json"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_json(path, {"stage": node.stage, "frame": frame, "reason": reason})
+
+    @contextmanager
+    def _events(self, listen: Listener) -> Iterator[Listener]:
+        """Every event goes to the event log and to the listener."""
+        with self.output.events.open("a", encoding="utf-8") as stream:
+
+            def tell(event: Mapping[str, Any]) -> None:
+                stream.write(json.dumps(event, default=str) + "\n")
+                stream.flush()
+                listen(event)
+
+            yield tell
+
+
+class _LazyCluster:
+    """Starts the cluster when the first task needs it: a run that has nothing to do starts none."""
+
+    def __init__(self, spec: ClusterSpec, tell: Listener) -> None:
+        self._spec, self._tell, self._stack = spec, tell, ExitStack()
+        self._client: Any = None
+        self.dashboard = ""
+
+    def client(self) -> Any:
+        """The client, started if need be."""
+        if self._client is None:
+            self._client = self._stack.enter_context(open_cluster(self._spec))
+            self.dashboard = self._client.dashboard_link or ""
+            self._tell({"event": "cluster", "dashboard": self.dashboard, "scheduler": self._client.scheduler.address})
+        return self._client
+
+    def close(self) -> None:
+        """Stops the workers, if there are any."""
+        self._stack.close()
+
+
+def _count(graph: Graph) -> dict[str, int]:
+    return _count_ids(list(graph.nodes))
+
+
+def _count_ids(ids: list[NodeId]) -> dict[str, int]:
+    counts: dict[str, int] = {}
+    for stage, _ in ids:
+        counts[stage_of(stage).name] = counts.get(stage_of(stage).name, 0) + 1
+    return counts
+
+
+def _merge(total: Outcome, one: Outcome) -> None:
+    total.done += one.done
+    if not total.reused:
+        total.reused += one.reused
+    total.failed |= one.failed
+    total.dead |= one.dead
+    total.busy_seconds += one.busy_seconds
+    total.kernel_seconds += one.kernel_seconds

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -79,8 +80,10 @@ def inspect(resolved: Resolved) -> list[str]:
         for frame in job.frames:
             capture.check_size(job, read_header(frame_path(job.root, pattern, frame)))
     with ThreadPoolExecutor(READERS) as pool:
+        counts = Counter[str]()
         for found in pool.map(lambda frame: _check_frame(job, frame, camera), job.frames):
-            warnings += found
+            counts += found
+    warnings += [f"{what}: {count} in the shot" for what, count in sorted(counts.items())]
     for role, light in (("light", job.shot.light), ("capture_light", job.shot.capture_light)):
         if light is not None:
             path = frame_path(job.root, light.path, job.frames[0])
@@ -122,15 +125,10 @@ def _input_files(job: Job) -> Iterable[Path]:
             yield from (frame_path(job.root, light.path, frame) for frame in job.frames)
 
 
-def _check_frame(job: Job, frame: int, camera: Camera) -> list[str]:
-    warnings = []
+def _check_frame(job: Job, frame: int, camera: Camera) -> Counter[str]:
+    """Decodes all of a frame's inputs; counts what is used although it is odd."""
     plate = capture.read_plate(job, frame)
-    if plate.clamped:
-        warnings.append(f"plate {frame}: {plate.clamped} negative values are read as 0")
     surface = capture.read_surface(job, frame, camera)
-    unhit = int(((plate.matte > 0.5) & (surface.z == 0)).sum())
-    if unhit:
-        warnings.append(f"gbuffer {frame}: {unhit} pixels inside the matte have no depth")
     if job.shot.proxy:
         read_mesh(frame_path(job.root, job.shot.proxy.path, frame))
     if job.shot.decompose.path:
@@ -138,7 +136,10 @@ def _check_frame(job: Job, frame: int, camera: Camera) -> list[str]:
     if job.shot.flow.path and frame != job.frames[-1]:
         capture.read_flow(job, frame)
     capture.read_background(job, frame)
-    return warnings
+    found = Counter[str]()
+    found["plate: negative values that are read as 0"] = plate.clamped
+    found["gbuffer: pixels inside the matte without depth"] = int(((plate.matte > 0.5) & (surface.z == 0)).sum())
+    return +found
 
 
 def _check_extra_frames(job: Job) -> Iterable[str]:

@@ -1,0 +1,34 @@
+# Every target makes what it needs. `make demo` and `make test` are all that a newcomer has to know.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/ready
+
+.PHONY: demo test test-long lint bench blender clean help
+
+help:  ## list the targets
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/'
+
+$(READY): pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[test]'
+	touch $@
+
+demo: $(READY)  ## relight the embedded shot with two local workers, into demo/
+	$(BIN)/yesnt demo demo
+
+test: $(READY)  ## all tests of a default run (under 12 minutes on 2 cores)
+	$(BIN)/python -m pytest -m "not slow and not blender"
+
+test-long: $(READY)  ## the long suites too
+	$(BIN)/python -m pytest
+
+lint: $(READY)  ## style and types
+	$(BIN)/pip install --quiet -c constraints.txt -e '.[dev]'
+	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
+
+bench: $(READY)  ## ratios that the documentation quotes; writes nothing
+	for script in tests/benchmarks/*.py; do $(BIN)/python $$script || exit 1; done
+
+clean:  ## remove what the targets made
+	rm -rf $(VENV) .venv-blender demo build *.egg-info

@@ -1,0 +1,27 @@
+"""Prints the plan of a run."""
+
+from __future__ import annotations
+
+from yesnt.cli.text import gigabytes, print_table, seconds
+from yesnt.forecast import Forecast
+
+
+def print_plan(found: Forecast) -> None:
+    """A row a stage, then what the scene lets the run leave out."""
+    print_table(
+        ("stage", "to do", "reuse", "one worker", "peak memory", "disk", "why"),
+        (
+            (
+                row.stage, row.todo, row.reuse, seconds(row.seconds) + ("" if row.measured else " (guess)"),
+                gigabytes(row.peak_bytes), gigabytes(row.disk_bytes), row.why,
+            )
+            for row in found.stages
+        ),
+    )  # fmt: skip
+    total = sum(row.seconds for row in found.stages)
+    print(f"In all {seconds(total)} on one worker, about {seconds(total / 2)} on two.")
+    print(f"Temporal chunks: halo {found.halo} frames, at most {found.sweeps} exchange sweeps.")
+    for line in found.left_out:
+        print(f"Left out: {line}.")
+    for line in found.warnings:
+        print(f"Warning: {line}")

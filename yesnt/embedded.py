@@ -1,0 +1,67 @@
+"""The shot that comes with the package, and the template of a new one."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+from yesnt.errors import JobError
+
+SHOT = Path(__file__).parent / "data" / "shot"
+"""The embedded shot: inputs in the contract's form and the truth beside them."""
+
+_TEMPLATE = """\
+# A shot of yesnt. Paths are relative to this file, absolute, or start with ~; #### is the frame number.
+version: 1
+name: {name}
+frames: 1001-1024                 # also 1001-1100x2 and lists with commas
+
+plate:   {{path: plate/plate.####.exr, colorspace: lin_rec709}}   # R G B A, associated alpha; srgb for PNG or JPEG
+gbuffer: {{path: gbuffer/gbuffer.####.exr, z: depth.Z, normal: N, normal_space: world}}   # depth.Z and N.X N.Y N.Z
+camera:  camera.json              # width height fx fy cx cy, and world_from_camera of every frame
+
+light:   {{path: env/light.exr, convention: blender, rotation: [0, 0, 0], exposure: 0}}   # degrees, stops
+# capture_light: {{path: env/capture.exr}}        # what the plate was shot under; absent: uniform, radiance 1
+# background: {{path: bg/bg.####.exr}}            # absent: the light's map as the camera sees it
+# proxy: {{path: proxy/proxy.####.ply}}           # triangles in world metres: casts shadows and bounces light
+
+decompose: {{backend: embedded, samples: 8}}      # or passes already made: {{path: material/material.####.exr}}
+quality: standard                 # draft | standard | final | reference
+seed: 0
+output: out
+"""
+
+_FOLDERS = ("plate", "gbuffer", "env", "proxy")
+
+
+def copy_embedded_shot(folder: Path) -> Path:
+    """Copies the embedded shot's inputs to a folder, where the user can change them; returns its job file.
+
+    What lies there already is kept, so that a second demo resumes.
+
+    Raises:
+        JobError: the folder holds something else.
+    """
+    target = folder / "shot.yaml"
+    if folder.exists() and any(folder.iterdir()) and not target.exists():
+        raise JobError(
+            "The folder is not empty", str(folder), "an empty or new folder, or an earlier demo", "name another"
+        )
+    if not target.exists():
+        shutil.copytree(SHOT, folder, dirs_exist_ok=True)
+    return target
+
+
+def write_template(folder: Path) -> Path:
+    """Writes a commented job file and the folders that it expects.
+
+    Raises:
+        JobError: there is a job file already.
+    """
+    target = folder / "shot.yaml"
+    if target.exists():
+        raise JobError("There is a job file already", str(target), "a folder without one", "name another folder")
+    for name in _FOLDERS:
+        (folder / name).mkdir(parents=True, exist_ok=True)
+    target.write_text(_TEMPLATE.format(name=folder.absolute().name))
+    return target

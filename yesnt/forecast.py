@@ -1,0 +1,167 @@
+"""What a run would do and cost, told before anything runs: `yesnt plan`."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from types import MappingProxyType
+from typing import Any
+
+from yesnt.audit import DONE, states
+from yesnt.graph import Graph, Node
+from yesnt.preflight import inspect
+from yesnt.session import Session
+from yesnt.stages import STAGES, stage_of
+
+
+@dataclass(frozen=True)
+class Cost:
+    """A linear model of a task, measured on one core of a 2.6 GHz server processor.
+
+    Attributes:
+        seconds: of a task of no pixels.
+        seconds_per_megapixel: per million pixels of frame area and frame held.
+        megabytes: resident memory of a worker that has loaded what the stage needs.
+        bytes_per_pixel: of frame area and frame held.
+        disk_bytes_per_pixel: of frame area and frame written, compressed.
+    """
+
+    seconds: float
+    seconds_per_megapixel: float
+    megabytes: float
+    bytes_per_pixel: float
+    disk_bytes_per_pixel: float
+
+
+COSTS: Mapping[str, Cost] = MappingProxyType(
+    {
+        "decompose": Cost(0.3, 25.0, 550, 300, 4),
+        "flow": Cost(0.05, 2.0, 350, 150, 4),
+        "solve": Cost(0.5, 4.0, 400, 160, 2),
+        "relight": Cost(0.2, 12.0, 500, 400, 8),
+        "composite": Cost(0.05, 1.5, 400, 250, 18),
+        "preview": Cost(0.2, 0.3, 400, 40, 0.5),
+    }
+)
+"""First guesses; as soon as a job has records, its own median seconds are used instead."""
+
+
+@dataclass(frozen=True)
+class StageForecast:
+    """One row of the plan.
+
+    Attributes:
+        stage: its name.
+        todo: tasks that would run.
+        reuse: tasks whose result is there.
+        why: the most frequent reason, with how often.
+        seconds: of all tasks that would run, on one worker.
+        measured: whether the seconds come from this job's records.
+        peak_bytes: predicted resident memory of one worker in this stage.
+        disk_bytes: that would be written.
+    """
+
+    stage: str
+    todo: int
+    reuse: int
+    why: str
+    seconds: float
+    measured: bool
+    peak_bytes: float
+    disk_bytes: float
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """The whole plan.
+
+    Attributes:
+        stages: rows in order.
+        halo: frames of halo of the solver's chunks.
+        sweeps: exchanges between chunks, at most.
+        left_out: what the scene lets the run skip, and why.
+        warnings: odd inputs.
+    """
+
+    stages: tuple[StageForecast, ...]
+    halo: int
+    sweeps: int
+    left_out: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """A plain document."""
+        return asdict(self)
+
+
+def forecast(session: Session) -> Forecast:
+    """Inspects the inputs and predicts a run; writes nothing."""
+    warnings = inspect(session.resolved)
+    plan = session.plan()
+    graph = session.graph()
+    reasons: dict[str, list[str]] = {stage: [] for stage in STAGES}
+    for state in states(session, graph):
+        if state.state != DONE:
+            reasons[stage_of(state.stage).name].append(state.why.split(";")[0])
+    rows = tuple(_row(session, graph, stage, reasons[stage]) for stage in STAGES)
+    return Forecast(rows, plan.chunks.halo, plan.sweep_count - 1, tuple(_left_out(session)), tuple(warnings))
+
+
+def _row(session: Session, graph: Graph, stage: str, reasons: list[str]) -> StageForecast:
+    nodes = [node for node in graph if stage_of(node.stage).name == stage]
+    todo = [node for node in nodes if not _is_done(session, node)]
+    cost, pixels = COSTS[stage], session.job.width * session.job.height
+    measured = _measured_seconds(session, nodes)
+    model = cost.seconds + cost.seconds_per_megapixel * pixels * _held(nodes) / 1e6
+    return StageForecast(
+        stage,
+        len(todo),
+        len(nodes) - len(todo),
+        _most_frequent(reasons),
+        len(todo) * (measured if measured is not None else model),
+        measured is not None,
+        cost.megabytes * 1e6 + cost.bytes_per_pixel * pixels * _held(nodes),
+        sum(len(node.frames) for node in todo) * pixels * cost.disk_bytes_per_pixel,
+    )
+
+
+def _is_done(session: Session, node: Node) -> bool:
+    return all(session.book.done(node.stage, frame, node.frame_key(frame)) for frame in node.frames)
+
+
+def _held(nodes: list[Node]) -> int:
+    """Frames that the largest task of a stage holds in memory."""
+    spans = [node.arguments["loaded"] for node in nodes if "loaded" in node.arguments]
+    return max((stop - start for start, stop in spans), default=1)
+
+
+def _measured_seconds(session: Session, nodes: list[Node]) -> float | None:
+    """Median seconds of a task in this job's records."""
+    records = [session.book.find(node.stage, node.frames[0]) for node in nodes]
+    seconds = [record.seconds["task"] for record in records if record is not None]
+    return statistics.median(seconds) if seconds else None
+
+
+def _most_frequent(reasons: list[str]) -> str:
+    if not reasons:
+        return ""
+    reason = max(set(reasons), key=reasons.count)
+    return f"{reason} ({reasons.count(reason)} of {len(reasons)} frames)"
+
+
+def _left_out(session: Session) -> list[str]:
+    """What this job does without."""
+    shot = session.job.shot
+    found = []
+    if shot.proxy is None:
+        found.append("shadows of the proxy and its bounce light: the job names no proxy; z is marched instead")
+    if shot.decompose.path is not None:
+        found.append("diffusion: the job brings its own passes")
+    if shot.flow.path is not None:
+        found.append("optical flow: the job brings its own")
+    if len(session.job.frames) <= shot.temporal.chunk:
+        found.append("exchange between chunks: the shot fits into one")
+    if shot.background is None:
+        found.append("background plate: the light's map is seen instead")
+    return found

@@ -16,6 +16,7 @@ from torch.nn import functional as F
 from yesnt.decompose.network import Network, NetworkShape, noised
 from yesnt.decompose.noise_planes import member_noise
 from yesnt.decompose.synthetic.dataset import Patches, draw_patches
+from yesnt.decompose.synthetic.materials import CLASSES
 from yesnt.decompose.weights import SMOOTH_SIGMAS, channels_last, save_weights
 
 log = logging.getLogger("yesnt.train")
@@ -53,9 +54,12 @@ class Trainer:
         torch.manual_seed(settings.seed)
         self.settings = settings
         self.network = channels_last(Network(shape))
+        self.hints = torch.nn.Conv2d(shape.condition, 2 + len(CLASSES), 1)
         self.averaged = Network(shape).requires_grad_(False)
         self.averaged.load_state_dict(self.network.state_dict())
-        self.optimiser = torch.optim.AdamW(self.network.parameters(), weight_decay=1e-4, betas=(0.9, 0.98))
+        self.optimiser = torch.optim.AdamW(
+            [*self.network.parameters(), *self.hints.parameters()], weight_decay=1e-4, betas=(0.9, 0.98)
+        )
         self.step = 0
         self._noise = _noise_pool(settings.seed)
 
@@ -65,7 +69,7 @@ class Trainer:
         rate = self._rate()
         for group in self.optimiser.param_groups:
             group["lr"] = rate
-        loss = self._loss(*(torch.from_numpy(p) for p in (patches.rgb, patches.matte, patches.truth)))
+        loss = self._loss(*(torch.from_numpy(np.ascontiguousarray(p)) for p in patches.planes()))
         self.optimiser.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
         torch.nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
@@ -81,6 +85,7 @@ class Trainer:
         state = {
             "step": self.step,
             "network": self.network.state_dict(),
+            "hints": self.hints.state_dict(),
             "averaged": self.averaged.state_dict(),
             "optimiser": self.optimiser.state_dict(),
         }
@@ -92,6 +97,7 @@ class Trainer:
         """Continues from a checkpoint."""
         state = torch.load(path, weights_only=True)
         self.network.load_state_dict(state["network"])
+        self.hints.load_state_dict(state["hints"])
         self.averaged.load_state_dict(state["averaged"])
         self.optimiser.load_state_dict(state["optimiser"])
         self.step = state["step"]
@@ -100,7 +106,7 @@ class Trainer:
         s = self.settings
         pictures = s.batch // s.crops
         made = [draw_patches(s.seed, self.step * pictures + i, s.crops, s.patch) for i in range(pictures)]
-        return Patches(*(np.concatenate([getattr(m, name) for m in made]) for name in ("rgb", "matte", "truth")))
+        return Patches(*(np.concatenate(planes) for planes in zip(*(m.planes() for m in made), strict=True)))
 
     def _rate(self) -> float:
         """Linear warm-up, then a cosine to zero."""
@@ -108,7 +114,7 @@ class Trainer:
         warm = min(1.0, (self.step + 1) / 200)
         return s.rate * warm * (0.01 + 0.99 * 0.5 * (1 + float(np.cos(np.pi * self.step / s.steps))))
 
-    def _loss(self, rgb: torch.Tensor, matte: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
+    def _loss(self, rgb: torch.Tensor, matte: torch.Tensor, truth: torch.Tensor, kind: torch.Tensor) -> torch.Tensor:
         s = self.settings
         generator = torch.Generator().manual_seed(s.seed * 1_000_003 + self.step)
         rows = len(rgb)
@@ -126,8 +132,9 @@ class Trainer:
             drawn = self.network.denoiser(
                 torch.cat([state, other]), smooth, torch.cat([condition, condition]), torch.cat([times, times])
             )
+            hints = self.hints(condition)
         first, second = drawn.float().chunk(2)
-        return energy_score(first, second, clean, matte)
+        return energy_score(first, second, clean, matte) + hint_loss(hints.float(), clean, kind, matte)
 
     def _smooth(self, generator: torch.Generator, rows: int, patch: int) -> torch.Tensor:
         """Crops of ready noise fields, of different fields for the two draws of one patch."""
@@ -162,6 +169,21 @@ def energy_score(first: torch.Tensor, second: torch.Tensor, clean: torch.Tensor,
         score = 0.5 * ((a - y).abs() + (b - y).abs()) - 0.5 * (a - b).abs()
         total = total + weight * (score * cover).sum() / (2 * cover.sum())
     return total
+
+
+def hint_loss(hints: torch.Tensor, clean: torch.Tensor, kind: torch.Tensor, matte: torch.Tensor) -> torch.Tensor:
+    """Helps the reader early: from its features the mean material and the class must be linear to read.
+
+    Args:
+        hints: [B, 2 + classes, P/2, P/2] mean material, class scores.
+        clean: [B, 2, P, P] truth in [-1, 1].
+        kind: [B, P, P] class, -1 outside the matte.
+        matte: [B, 1, P, P] weights.
+    """
+    cover = F.avg_pool2d(matte, 2)
+    mean = F.avg_pool2d(clean * matte, 2) / cover.clamp_min(1e-3)
+    square = ((hints[:, :2] - mean).square() * cover).sum() / (2 * cover.sum())
+    return square + 0.25 * F.cross_entropy(hints[:, 2:], kind[:, ::2, ::2], ignore_index=-1)
 
 
 def _noise_pool(seed: int, count: int = 96, side: int = 256) -> torch.Tensor:

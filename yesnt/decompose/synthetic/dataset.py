@@ -26,11 +26,17 @@ class Patches:
         rgb: [n, 3, P, P] straight linear, 0 outside the matte.
         matte: [n, 1, P, P] coverage.
         truth: [n, 2, P, P] roughness and metallic.
+        kind: [n, P, P] int64 number of the material class, -1 outside the matte.
     """
 
     rgb: Float32
     matte: Float32
     truth: Float32
+    kind: NDArray[np.int64]
+
+    def planes(self) -> tuple[NDArray[np.generic], ...]:
+        """rgb, matte, truth, kind."""
+        return self.rgb, self.matte, self.truth, self.kind
 
 
 def draw_patches(seed: int, index: int, count: int, patch: int) -> Patches:
@@ -38,8 +44,8 @@ def draw_patches(seed: int, index: int, count: int, patch: int) -> Patches:
     rng = np.random.Generator(np.random.Philox(key=[seed, index]))
     picture = draw_picture(rng)
     crops = [_crop(rng, picture, patch) for _ in range(count)]
-    rgb, matte, truth = (np.stack(planes) for planes in zip(*crops, strict=True))
-    return Patches(rgb, matte, truth)
+    planes = np.stack(crops)
+    return Patches(planes[:, :3], planes[:, 3:4], planes[:, 4:6], planes[:, 6].astype(np.int64))
 
 
 def draw_picture(rng: np.random.Generator) -> Rendering:
@@ -50,21 +56,20 @@ def draw_picture(rng: np.random.Generator) -> Rendering:
             return render(scene.geometry, scene.paints(), draw_light(rng))
 
 
-def _crop(rng: np.random.Generator, picture: Rendering, patch: int) -> tuple[Float32, Float32, Float32]:
-    """A random patch with at least a twelfth of it inside the matte (best of ten tries)."""
+def _crop(rng: np.random.Generator, picture: Rendering, patch: int) -> Float32:
+    """A random patch [rgb, matte, truth, kind] with at least a twelfth of it inside the matte (best of ten tries)."""
     places = rng.integers(0, CANVAS - patch + 1, (10, 2))
     shares = [picture.matte[y : y + patch, x : x + patch].mean() for y, x in places]
     good = [k for k, share in enumerate(shares) if share > 1 / 12]
     y, x = places[good[0] if good else int(np.argmax(shares))]
     window = np.s_[..., y : y + patch, x : x + patch]
     rgb, matte = _expose(rng, picture.rgb[window].copy(), picture.matte[window].copy())
-    planes = np.concatenate([rgb, matte[None], picture.truth[window]])
+    planes = np.concatenate([rgb, matte[None], picture.truth[window], picture.kind[None][window]])
     if rng.random() < 0.5:
         planes = planes[:, :, ::-1]
     if rng.random() < 0.15:
         planes = planes.transpose(0, 2, 1)
-    planes = np.ascontiguousarray(planes, dtype=np.float32)
-    return planes[:3], planes[3:4], planes[4:]
+    return np.ascontiguousarray(planes, dtype=np.float32)
 
 
 def _expose(rng: np.random.Generator, rgb: Float32, matte: Float32) -> tuple[Float32, Float32]:

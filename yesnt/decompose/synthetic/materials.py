@@ -17,6 +17,7 @@ Colours = tuple[tuple[float, float, float], ...]
 
 MATERIAL = np.dtype(
     [
+        ("kind", "i4"),  # number of the class in CLASSES
         ("base", "f4", 3),  # linear Rec.709 albedo (or F0 of a metal)
         ("second", "f4", 3),  # colour at the pattern's other end
         ("pattern", "i4"),  # tile of the fine pattern
@@ -136,6 +137,7 @@ def paint(rng: np.random.Generator, name: str) -> NDArray[np.void]:
     # A print is two paints on one cloth: strong contrast, no other roughness.
     printed = tile in _PRINTS
     period = np.exp(rng.uniform(np.log(6), np.log(60)) if printed else rng.uniform(np.log(1.6), np.log(14)))
+    material["kind"] = list(CLASSES).index(name)
     material["base"] = base
     material["second"] = _colour(rng, kind) if printed else base * rng.uniform(0.3, 0.9)
     material["pattern"] = tile_index(tile)

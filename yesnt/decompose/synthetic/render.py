@@ -27,11 +27,13 @@ class Rendering:
         rgb: [3, H, W] linear, associated.
         matte: [H, W] coverage.
         truth: [2, H, W] roughness and metallic, straight, antialiased; 0 outside the matte.
+        kind: [H, W] int64 number of the material class, -1 outside the matte.
     """
 
     rgb: Float32
     matte: Float32
     truth: Float32
+    kind: NDArray[np.int64]
 
 
 def render(geometry: GeometryBuffer, materials: NDArray[np.void], light: Light) -> Rendering:
@@ -53,7 +55,9 @@ def render(geometry: GeometryBuffer, materials: NDArray[np.void], light: Light) 
     )
     covered = _halved((geometry.material >= 0).astype(np.float32)[None])[0]
     planes = _halved(out)
-    return Rendering(planes[:3], covered, planes[3:] / np.maximum(covered, 1e-6))
+    number = geometry.material[::2, ::2]
+    kind = np.where(number >= 0, materials["kind"][number], -1).astype(np.int64)
+    return Rendering(planes[:3], covered, planes[3:] / np.maximum(covered, 1e-6), kind)
 
 
 def _halved(planes: Float32) -> Float32:

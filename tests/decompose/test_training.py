@@ -1,0 +1,130 @@
+import numpy as np
+import pytest
+import torch
+
+from yesnt.decompose.embedded import EmbeddedBackend
+from yesnt.decompose.network import Network, NetworkShape, noised
+from yesnt.decompose.training import Trainer, TrainingSettings, energy_score, main, train
+from yesnt.decompose.weights import load_weights, save_weights
+from yesnt.errors import CorruptError, JobError
+
+TINY = NetworkShape(widths=(8, 8, 16), depth=1, condition=8, denoiser=(8, 8))
+SETTINGS = TrainingSettings(steps=4, batch=4, crops=2, patch=32, bfloat16=False)
+
+
+@pytest.fixture(scope="module")
+def tiny_weights(tmp_path_factory):
+    torch.manual_seed(0)
+    network = Network(TINY)
+    for parameter in network.parameters():
+        torch.nn.init.normal_(parameter, std=0.2)
+    path = tmp_path_factory.mktemp("weights") / "tiny.safetensors"
+    save_weights(network, path, 32)
+    return path
+
+
+def test_energy_score_is_least_for_the_true_distribution():
+    generator = torch.Generator().manual_seed(0)
+    matte = torch.ones(64, 1, 32, 32)
+
+    def score(spread, shift):
+        draw = lambda s, m: torch.randn(64, 2, 32, 32, generator=generator) * s + m  # noqa: E731
+        return float(energy_score(draw(spread, shift), draw(spread, shift), draw(1.0, 0.0), matte))
+
+    best = score(1.0, 0.0)
+    assert best < score(0.6, 0.0)
+    assert best < score(1.5, 0.0)
+    assert best < score(1.0, 0.3)
+
+
+def test_energy_score_looks_only_inside_the_matte():
+    draws = [torch.rand(2, 2, 32, 32) for _ in range(3)]
+    matte = torch.zeros(2, 1, 32, 32)
+    matte[..., 8:24] = 1
+    score = energy_score(*draws, matte)
+    changed = [d + (1 - matte) * torch.rand_like(d) for d in draws]
+    assert float(score) == pytest.approx(float(energy_score(*changed, matte)), abs=1e-6)
+
+
+def test_noising_keeps_the_variance():
+    clean, noise = torch.randn(8, 2, 64, 64), torch.randn(8, 2, 64, 64)
+    for time in (0.1, 0.5, 1.0):
+        assert float(noised(clean, noise, torch.full((8,), time)).var()) == pytest.approx(1, abs=0.05)
+    torch.testing.assert_close(noised(clean, noise, torch.ones(8)), noise, atol=1e-6, rtol=0)
+
+
+def test_training_resumed_is_training_uninterrupted(tmp_path):
+    whole = Trainer(SETTINGS, TINY)
+    for _ in train(whole, tmp_path, every=4):
+        pass
+    first = Trainer(SETTINGS, TINY)
+    first.advance()
+    first.advance()
+    first.save(tmp_path / "checkpoint.pt")
+    second = Trainer(SETTINGS, TINY)
+    second.resume(tmp_path / "checkpoint.pt")
+    second.advance()
+    second.advance()
+    for a, b in zip(whole.averaged.parameters(), second.averaged.parameters(), strict=True):
+        torch.testing.assert_close(a, b, atol=0, rtol=0)
+
+
+def test_training_lowers_the_loss(tmp_path):
+    trainer = Trainer(TrainingSettings(steps=60, batch=4, crops=4, patch=32, bfloat16=False, rate=5e-3), TINY)
+    losses = [trainer.advance() for _ in range(40)]
+    assert np.mean(losses[-8:]) < 0.8 * np.mean(losses[:4])
+
+
+def test_command_writes_weights_that_load(tmp_path, monkeypatch):
+    monkeypatch.setattr("yesnt.decompose.training.NetworkShape", lambda: TINY)
+    assert main([str(tmp_path / "new"), "--steps", "1", "--float32"]) == 0
+    network, patch = load_weights(tmp_path / "new" / "embedded.safetensors")
+    assert network.shape == TINY
+    assert patch == TrainingSettings.patch
+
+
+def test_draws_are_stochastic_bounded_and_keyed_by_noise(tiny_weights):
+    backend = EmbeddedBackend(tiny_weights, steps=2)
+    rgb, matte = torch.rand(8, 3, 32, 32), torch.ones(8, 1, 32, 32)
+    condition = backend.encode(rgb, matte)
+    noise = torch.randn(8, len(backend.noise_sigmas), 32, 32)
+    first = backend.sample(condition, noise)
+    assert first.shape == (8, 2, 32, 32)
+    assert 0 <= float(first.min()) <= float(first.max()) <= 1
+    assert torch.equal(first, backend.sample(condition, noise))
+    assert not torch.equal(first, backend.sample(condition, torch.randn_like(noise)))
+
+
+def test_a_row_does_not_depend_on_its_neighbours_or_on_threads(tiny_weights):
+    backend = EmbeddedBackend(tiny_weights)
+    rgb, matte = torch.rand(8, 3, 32, 32), torch.ones(8, 1, 32, 32)
+    noise = torch.randn(8, len(backend.noise_sigmas), 32, 32)
+    whole = backend.sample(backend.encode(rgb, matte), noise)
+    order = torch.tensor([3, 1, 7, 0, 2, 6, 5, 4])
+    torch.testing.assert_close(
+        backend.sample(backend.encode(rgb[order], matte), noise[order]), whole[order], atol=0, rtol=0
+    )
+    threads = torch.get_num_threads()
+    try:
+        torch.set_num_threads(2 if threads == 1 else 1)
+        torch.testing.assert_close(backend.sample(backend.encode(rgb, matte), noise), whole, atol=0, rtol=0)
+    finally:
+        torch.set_num_threads(threads)
+
+
+def test_number_of_steps_is_part_of_the_version_and_of_the_noise(tiny_weights):
+    one, three = EmbeddedBackend(tiny_weights, 1), EmbeddedBackend(tiny_weights, 3)
+    assert one.version != three.version
+    assert len(three.noise_sigmas) == 3 * len(one.noise_sigmas)
+    assert one.weights_digest == three.weights_digest
+    with pytest.raises(ValueError, match="steps"):
+        EmbeddedBackend(tiny_weights, 5)
+
+
+def test_missing_and_broken_weights_are_told_apart(tmp_path):
+    with pytest.raises(JobError, match="yesnt train"):
+        load_weights(tmp_path / "absent.safetensors")
+    broken = tmp_path / "broken.safetensors"
+    broken.write_bytes(b"no safetensors")
+    with pytest.raises(CorruptError, match="restore the file"):
+        load_weights(broken)

@@ -108,7 +108,7 @@ def border_mask(
 
 def vertical_reach(flow: NDArray[np.floating], validity: NDArray[Any]) -> int:
     """Rows that a band's border needs so that every link of its free pixels stays inside the loaded rows."""
-    return int(math.ceil(float(np.max(np.abs(flow[..., 1]) * (validity > 0), initial=0.0)))) + 1
+    return math.ceil(float(np.max(np.abs(flow[..., 1]) * (validity > 0), initial=0.0))) + 1
 
 
 def solve_block(

@@ -1,7 +1,7 @@
 """Lower bounds on the minimum of the temporal energy: the certificate that a solver stops on.
 
 Write F(x) = sum_p c H(x - o) + sum_k phi_k(K_k x) with K the differences in space and along the flow. For any
-duals y in the domain of phi*, Fenchel's inequality gives phi_k(K_k x) >= <y_k, K_k x> - phi_k*(y_k), so that with m = K^T y
+duals y in the domain of phi*, Fenchel's inequality gives phi_k(K_k x) >= <y_k, K_k x> - phi_k*(y_k); so with m = K^T y,
 
     F(x) >= - sum_k phi_k*(y_k) + sum_p min over x_p in [low, high] of  c H(x_p - o_p) + m_p x_p       (1)
 
@@ -23,15 +23,15 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from yesnt.temporal.geometry import FIXED, HAS_RIGHT
-from yesnt.temporal.kernels import _links
+from yesnt.temporal.geometry import FIXED, HAS_DOWN, HAS_RIGHT
+from yesnt.temporal.kernels import links_from, links_into, pixels_of
 
 
 @njit(cache=True)
 def _pixel_minimum(m, c, o, delta, low, high):
-    """Minimum over [low, high] of c H(x - o) + m x, or a lower bound on it."""
-    limit = c * delta
-    if abs(m) <= limit:
+    """Minimum over [low, high] of c H(x - o) + m x, or a lower bound on it; exact for low = high."""
+    c = np.float64(c)
+    if low < high and abs(m) <= c * delta:
         return m * o - (0.5 * m * m / c if c > 0 else 0.0)
     x = low if m > 0 else high
     r = abs(x - o)
@@ -39,17 +39,16 @@ def _pixel_minimum(m, c, o, delta, low, high):
 
 
 @njit(cache=True)
-def _tv_dual(t, qx, qy, out, geo, lambda1, eps):
+def _space_dual(t, qx, qy, out, geo, lambda1, eps):
     """Adds D^T lambda1 q of frame t; returns - phi*."""
-    total = 0.0
-    for p in range(geo.frames[t], geo.frames[t + 1]):
+    total, from_left = 0.0, 0.0
+    for p in pixels_of(t, geo):
         x = np.float64(qx[p]) if geo.flags[p] & HAS_RIGHT else 0.0
-        y = np.float64(qy[p]) if geo.down[p] >= 0 else 0.0
+        y = np.float64(qy[p]) if geo.flags[p] & HAS_DOWN else 0.0
         total += math.sqrt(max(0.0, 1.0 - x * x - y * y))
-        out[p] -= lambda1 * (x + y)
-        if x != 0:
-            out[p + 1] += lambda1 * x
-        if y != 0:
+        out[p] += from_left - lambda1 * (x + y)
+        from_left = lambda1 * x
+        if geo.flags[p] & HAS_DOWN:
             out[geo.down[p]] += lambda1 * y
     return lambda1 * eps * total
 
@@ -61,21 +60,15 @@ def dual_value(x, qx, qy, scratch, values, geo, observed, confidence, params, bo
     `x` [N] gives the temporal duals (and the values of fixed pixels), `qx`, `qy` [N] in the unit disc the spatial ones;
     `box` is (low, high).
     """
-    delta, lambda1, lambda2, eps = params
-    low, high = box
     for group in prange(len(groups) - 1):
+        delta, lambda1, lambda2, eps = params
         first, last = groups[group], groups[group + 1]
         scratch[geo.frames[first] : geo.frames[last]] = 0.0
-        if first > 0:
-            _links(first - 1, x, scratch, geo, 2.0 * lambda2, False, True)
+        links_into(first, x, scratch, geo, 2.0 * lambda2)
         for t in range(first, last):
-            total = _tv_dual(t, qx, qy, scratch, geo, lambda1, eps)
-            total -= 0.5 * _links(t, x, scratch, geo, 2.0 * lambda2, True, t + 1 < last)
-            for p in range(geo.frames[t], geo.frames[t + 1]):
-                c, o = np.float64(confidence[p]), np.float64(observed[p])
-                if geo.flags[p] & FIXED:
-                    r = abs(x[p] - o)
-                    total += scratch[p] * x[p] + c * (0.5 * r * r if r <= delta else delta * (r - 0.5 * delta))
-                else:
-                    total += _pixel_minimum(scratch[p], c, o, delta, low, high)
+            total = _space_dual(t, qx, qy, scratch, geo, lambda1, eps)
+            total -= lambda2 * links_from(t, x, scratch, geo, 2.0 * lambda2, t + 1 < last)
+            for p in pixels_of(t, geo):
+                low, high = (x[p], x[p]) if geo.flags[p] & FIXED else box
+                total += _pixel_minimum(scratch[p], confidence[p], np.float64(observed[p]), delta, low, high)
             values[t] = total

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 HAS_RIGHT = 1
 FIXED = 2
+HAS_DOWN = 4
 
 
 class Geometry(NamedTuple):
@@ -21,20 +22,20 @@ class Geometry(NamedTuple):
 
     Attributes:
         frames: [T + 1] int64, pixels of frame t are frames[t] .. frames[t + 1].
-        flags: [N] uint8: HAS_RIGHT where the right neighbour is a matte pixel (its index is p + 1), FIXED where the
-            value is given and not solved for.
-        down: [N] int32 index of the pixel below, -1 where there is none.
-        top: [N] int32 index of the stencil's upper left sample in frame t + 1; its right neighbour is top + 1.
-        bottom: [N] int32, the same for the lower row.
+        flags: [N] uint8: HAS_RIGHT where the right neighbour is a matte pixel (its index is p + 1), HAS_DOWN where the
+            one below is, FIXED where the value is given and not solved for.
+        down: [N] uint32 index of the pixel below, 0 where there is none.
+        top: [N] uint32 index of the stencil's upper left sample in frame t + 1; its right neighbour is top + 1.
+        bottom: [N] uint32, the same for the lower row.
         weights: [N, 4] float32 bilinear weights (top, top + 1, bottom, bottom + 1), renormalised over matte pixels.
         link: [N] float32 V in [0, 1]; 0 where the flow leaves the frame or the matte.
     """
 
     frames: NDArray[np.int64]
     flags: NDArray[np.uint8]
-    down: NDArray[np.int32]
-    top: NDArray[np.int32]
-    bottom: NDArray[np.int32]
+    down: NDArray[np.uint32]
+    top: NDArray[np.uint32]
+    bottom: NDArray[np.uint32]
     weights: NDArray[np.float32]
     link: NDArray[np.float32]
 
@@ -52,7 +53,7 @@ def build_geometry(
 ) -> Geometry:
     """Lists the matte pixels `[T, H, W]` and their links.
 
-    `flow` [T-1, H, W, 2] and `validity` [T-1, H, W] are as in `solve`; `fixed` [T, H, W] marks pixels whose value is given.
+    `flow` [T-1, H, W, 2] and `validity` [T-1, H, W] are as in `solve`; `fixed` [T, H, W] marks given pixels.
     """
     frames = np.concatenate([[0], np.cumsum(matte.reshape(len(matte), -1).sum(axis=1, dtype=np.int64))])
     if frames[-1] >= 2**31 - 1:
@@ -61,9 +62,9 @@ def build_geometry(
     geometry = Geometry(
         frames=frames,
         flags=np.zeros(count, np.uint8),
-        down=np.full(count, -1, np.int32),
-        top=np.zeros(count, np.int32),
-        bottom=np.zeros(count, np.int32),
+        down=np.zeros(count, np.uint32),
+        top=np.zeros(count, np.uint32),
+        bottom=np.zeros(count, np.uint32),
         weights=np.zeros((count, 4), np.float32),
         link=np.zeros(count, np.float32),
     )
@@ -75,16 +76,10 @@ def build_geometry(
             geometry.flags[part] |= (FIXED * fixed[t][matte[t]]).astype(np.uint8)
         if t + 1 < len(matte):
             index_next = _frame_index(matte[t + 1], int(frames[t + 1]))
-            _stencils(
-                index_now,
-                index_next,
-                flow[t],
-                validity[t],
-                geometry.top[part],
-                geometry.bottom[part],
-                geometry.weights[part],
-                geometry.link[part],
-            )
+            stencil = (geometry.top[part], geometry.bottom[part], geometry.weights[part], geometry.link[part])
+            if frames[t + 2] > frames[t + 1]:
+                span = (int(frames[t + 1]), int(frames[t + 2]))
+                _stencils(index_now, index_next, span, flow[t], validity[t], *stencil)
             index_now = index_next
     return geometry
 
@@ -106,51 +101,55 @@ def _neighbours(index, flags, down):  # type: ignore[no-untyped-def]  # noqa: AN
             if index[i, j] >= 0:
                 if j + 1 < width and index[i, j + 1] >= 0:
                     flags[p] |= HAS_RIGHT
-                if i + 1 < height:
+                if i + 1 < height and index[i + 1, j] >= 0:
+                    flags[p] |= HAS_DOWN
                     down[p] = index[i + 1, j]
                 p += 1
 
 
 @njit(cache=True)
-def _row_stencil(index, row, x0, fx, share):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Index of the left sample and the weights of the two samples of one row; absent samples weigh 0."""
-    width = index.shape[1]
-    left = index[row, x0]
-    right = index[row, x0 + 1] if x0 + 1 < width else -1
+def _row_stencil(index, first, last, row, x0, fx, share):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Index of the left sample of one row and the weights of the two; absent samples weigh 0.
+
+    The pair of indices stays inside the frame's pixels first .. last - 1, so that threads never write each other's
+    frames; a frame of a single pixel has no such pair and takes the one before it (see `frame_groups`).
+    """
+    height, width = index.shape
+    left = index[row, x0] if row < height else -1
+    right = index[row, x0 + 1] if row < height and x0 + 1 < width else -1
     w_left, w_right = share * (1.0 - fx), share * fx
     if left >= 0 and right >= 0:
         return left, w_left, w_right
-    # One sample is absent: the present one is stored second, so that `top + 1` never leaves the list. Index 0 belongs
-    # to the first frame, which no stencil samples, so `left - 1` is never negative.
-    if left >= 0:
-        return left - 1, 0.0, w_left
-    if right >= 0:
-        return right - 1, 0.0, w_right
-    return -1, 0.0, 0.0
+    if left < 0 and right < 0:
+        return (first if last - first > 1 else first - 1), 0.0, 0.0
+    only, weight = (left, w_left) if left >= 0 else (right, w_right)
+    if only == first and last - first > 1:
+        return only, weight, 0.0
+    return only - 1, 0.0, weight
 
 
 @njit(cache=True)
-def _stencils(index_now, index_next, flow, validity, top, bottom, weights, link):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Fills the bilinear stencils of one frame; positions are float64, so 4K columns keep their fraction."""
+def _stencils(index_now, index_next, span, flow, validity, top, bottom, weights, link):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Fills the bilinear stencils of one frame; positions are float64, so 4K columns keep their fraction.
+
+    `span` is (first, last) index of the next frame's pixels, of which there is at least one.
+    """
+    first, last = span
     height, width = index_now.shape
     p = 0
     for i in range(height):
         for j in range(width):
             if index_now[i, j] < 0:
                 continue
+            top[p] = bottom[p] = first if last - first > 1 else first - 1
             x, y = j + np.float64(flow[i, j, 0]), i + np.float64(flow[i, j, 1])
             if 0.0 <= x <= width - 1.0 and 0.0 <= y <= height - 1.0 and validity[i, j] > 0:
                 x0, y0 = int(x), int(y)
-                fx, fy = x - x0, y - y0
-                first, w0, w1 = _row_stencil(index_next, y0, x0, fx, 1.0 - fy)
-                second, w2, w3 = -1, 0.0, 0.0
-                if y0 + 1 < height:
-                    second, w2, w3 = _row_stencil(index_next, y0 + 1, x0, fx, fy)
+                upper, w0, w1 = _row_stencil(index_next, first, last, y0, x0, x - x0, 1.0 - (y - y0))
+                lower, w2, w3 = _row_stencil(index_next, first, last, y0 + 1, x0, x - x0, y - y0)
                 total = w0 + w1 + w2 + w3
                 if total >= 0.5:
-                    top[p] = first if first >= 0 else second
-                    bottom[p] = second if second >= 0 else first
+                    top[p], bottom[p], link[p] = upper, lower, validity[i, j]
                     weights[p, 0], weights[p, 1] = w0 / total, w1 / total
                     weights[p, 2], weights[p, 3] = w2 / total, w3 / total
-                    link[p] = validity[i, j]
             p += 1

@@ -1,8 +1,9 @@
-"""Fused kernels of the temporal energy on compact pixel lists: gradient, linear operator, diagonal, dual value.
+"""Fused kernels of the temporal energy on compact pixel lists: gradient, linear operator, diagonal, conjugate gradients.
 
 Every kernel runs over groups of frames in parallel. A frame's sums are always added in the same order, whatever the
-groups, and reductions are per frame and float64, so the bits do not depend on the number of threads. Without `fastmath`
-for the same reason: the compiler may not reassociate.
+groups, and reductions are per frame and float64, so the bits do not depend on the number of threads. No `fastmath`, for
+the same reason: the compiler may not reassociate. Indices are unsigned, because numba tests signed ones for Python's
+counting from the end, which costs a factor of three here.
 
 The energy's three terms and their duals:
     data   c H(x - o)              derivative c delta u,    |u| <= 1
@@ -19,93 +20,97 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from yesnt.temporal.geometry import FIXED, HAS_RIGHT
+from yesnt.temporal.geometry import FIXED, HAS_DOWN, HAS_RIGHT
+
+ONE = np.uint64(1)
 
 
 @njit(cache=True)
-def _differences(p, x, geo):
+def pixels_of(t, geo):
+    """Unsigned range of frame t's pixels."""
+    return range(np.uint64(geo.frames[t]), np.uint64(geo.frames[t + 1]))
+
+
+@njit(cache=True)
+def differences(p, x, geo):
     """Forward differences (right, down) at pixel p; 0 where there is no neighbour."""
-    dx = x[p + 1] - x[p] if geo.flags[p] & HAS_RIGHT else x[p] * 0
-    down = geo.down[p]
-    dy = x[down] - x[p] if down >= 0 else x[p] * 0
+    flags = geo.flags[p]
+    zero = x[p] * 0
+    dx = x[p + ONE] - x[p] if flags & HAS_RIGHT else zero
+    dy = x[geo.down[p]] - x[p] if flags & HAS_DOWN else zero
     return dx, dy
 
 
 @njit(cache=True)
-def _link_residual(p, x, geo):
+def link_residual(p, x, geo):
     """Residual e = W x_{t+1} - x_t; differences first, so that rounding of the weights costs nothing on constants."""
-    here, top, bottom = x[p], geo.top[p], geo.bottom[p]
-    w = geo.weights
-    return (
-        w[p, 0] * (x[top] - here)
-        + w[p, 1] * (x[top + 1] - here)
-        + w[p, 2] * (x[bottom] - here)
-        + w[p, 3] * (x[bottom + 1] - here)
-    )
+    here, top, bottom, w = x[p], geo.top[p], geo.bottom[p], geo.weights
+    upper = w[p, 0] * (x[top] - here) + w[p, 1] * (x[top + ONE] - here)
+    return upper + (w[p, 2] * (x[bottom] - here) + w[p, 3] * (x[bottom + ONE] - here))
 
 
 @njit(cache=True)
-def _scatter_next(p, value, out, geo):
-    """Adds W^T value to frame t + 1. A weight of 0 may point into another thread's frame: it must not be written."""
-    w, top, bottom = geo.weights, geo.top[p], geo.bottom[p]
-    if w[p, 0] != 0:
-        out[top] += w[p, 0] * value
-    if w[p, 1] != 0:
-        out[top + 1] += w[p, 1] * value
-    if w[p, 2] != 0:
-        out[bottom] += w[p, 2] * value
-    if w[p, 3] != 0:
-        out[bottom + 1] += w[p, 3] * value
+def scatter_next(p, flux, out, geo):
+    """Adds W^T flux to frame t + 1; stencils stay inside that frame, so no branch is needed."""
+    top, bottom, w = geo.top[p], geo.bottom[p], geo.weights
+    out[top] += w[p, 0] * flux
+    out[top + ONE] += w[p, 1] * flux
+    out[bottom] += w[p, 2] * flux
+    out[bottom + ONE] += w[p, 3] * flux
 
 
 @njit(cache=True)
-def _links(t, x, out, geo, scale, own, following):
-    """Adds scale V B^T B x of the links t -> t + 1 to frame t (if `own`) and to frame t + 1 (if `following`)."""
-    energy = 0.0
-    for p in range(geo.frames[t], geo.frames[t + 1]):
-        if geo.link[p] > 0:
-            e = _link_residual(p, x, geo)
+def has_links(t, geo):
+    """Whether frame t has a next frame with pixels."""
+    return t + 2 < len(geo.frames) and geo.frames[t + 2] > geo.frames[t + 1]
+
+
+@njit(cache=True)
+def links_into(t, x, out, geo, scale):
+    """Adds scale W^T V e of the links t - 1 -> t to frame t, for a group that starts at frame t."""
+    if t > 0 and has_links(t - 1, geo):
+        for p in pixels_of(t - 1, geo):
+            scatter_next(p, scale * geo.link[p] * link_residual(p, x, geo), out, geo)
+
+
+@njit(cache=True)
+def links_from(t, x, out, geo, scale, following):
+    """Adds scale B^T V B x of the links t -> t + 1 to frame t, and to t + 1 if `following`; returns sum V e^2."""
+    total = 0.0
+    if has_links(t, geo):
+        for p in pixels_of(t, geo):
+            e = link_residual(p, x, geo)
             flux = scale * geo.link[p] * e
-            energy += np.float64(flux) * e
-            if own:
-                out[p] -= flux
+            total += geo.link[p] * np.float64(e) * e
+            out[p] -= flux
             if following:
-                _scatter_next(p, flux, out, geo)
-    return energy
+                scatter_next(p, flux, out, geo)
+    return total
 
 
 @njit(cache=True)
-def _tv_gradient(t, x, out, geo, lambda1, eps):
-    """Adds D^T (lambda1 d / tau) of frame t; returns the term's energy."""
-    energy = 0.0
-    for p in range(geo.frames[t], geo.frames[t + 1]):
-        dx, dy = _differences(p, x, geo)
-        tau = math.sqrt(dx * dx + dy * dy + eps * eps)
-        energy += tau
-        scale = lambda1 / tau
-        out[p] -= scale * (dx + dy)
-        if dx != 0:
-            out[p + 1] += scale * dx
-        if dy != 0:
-            out[geo.down[p]] += scale * dy
-    return lambda1 * energy
-
-
-@njit(cache=True)
-def _data_gradient(t, x, out, geo, observed, confidence, delta):
-    """Writes c H'(x - o) of frame t; returns the term's energy."""
-    energy = 0.0
-    for p in range(geo.frames[t], geo.frames[t + 1]):
+def _gradient_space(t, x, out, geo, observed, confidence, params):
+    """Adds the gradient of the data and the spatial term of frame t; returns their energy."""
+    delta, lambda1, _, eps = params
+    data, space, from_left = 0.0, 0.0, 0.0
+    for p in pixels_of(t, geo):
         r = x[p] - np.float64(observed[p])
-        c = np.float64(confidence[p])
         size = abs(r)
         if size <= delta:
-            energy += c * 0.5 * r * r
-            out[p] = c * r
+            slope, value = r, 0.5 * r * r
         else:
-            energy += c * delta * (size - 0.5 * delta)
-            out[p] = c * math.copysign(delta, r)
-    return energy
+            slope, value = math.copysign(delta, r), delta * (size - 0.5 * delta)
+        data += confidence[p] * value
+        dx, dy = differences(p, x, geo)
+        tau = math.sqrt(dx * dx + dy * dy + eps * eps)
+        space += tau
+        scale = lambda1 / tau
+        to_right, to_down = scale * dx, scale * dy
+        out[p] += confidence[p] * slope + from_left - to_right - to_down
+        if geo.flags[p] & HAS_DOWN:
+            out[geo.down[p]] += to_down
+        from_left = to_right
+    return data + lambda1 * space
 
 
 @njit(cache=True, parallel=True)
@@ -114,18 +119,15 @@ def gradient(x, out, energies, geo, observed, confidence, params, groups):
 
     `params` is (delta, lambda1, lambda2, eps); `groups` [G + 1] splits the frames over threads.
     """
-    delta, lambda1, lambda2, eps = params
     for group in prange(len(groups) - 1):
         first, last = groups[group], groups[group + 1]
-        energies[first] = _data_gradient(first, x, out, geo, observed, confidence, delta)
-        if first > 0:
-            _links(first - 1, x, out, geo, 2.0 * lambda2, False, True)
+        out[geo.frames[first] : geo.frames[last]] = 0.0
+        coupling = 2.0 * params[2]
+        links_into(first, x, out, geo, coupling)
         for t in range(first, last):
-            if t + 1 < last:
-                energies[t + 1] = _data_gradient(t + 1, x, out, geo, observed, confidence, delta)
-            energies[t] += _tv_gradient(t, x, out, geo, lambda1, eps)
-            energies[t] += 0.5 * _links(t, x, out, geo, 2.0 * lambda2, True, t + 1 < last)
-            for p in range(geo.frames[t], geo.frames[t + 1]):
+            energy = _gradient_space(t, x, out, geo, observed, confidence, params)
+            energies[t] = energy + params[2] * links_from(t, x, out, geo, coupling, t + 1 < last)
+            for p in pixels_of(t, geo):
                 if geo.flags[p] & FIXED:
                     out[p] = 0.0
 
@@ -140,81 +142,74 @@ def linearise(x, qx, qy, u, geo, observed, confidence, params, data, a, b, d):
     that a parallel function unpacks from a tuple.)
     """
     delta, lambda1, _, eps = params
-    for p in prange(len(x)):
-        r = x[p] - np.float64(observed[p])
-        c = np.float64(confidence[p])
-        if abs(r) <= delta:
-            data[p] = c
-        else:
-            data[p] = c * delta * (1.0 - u[p] * math.copysign(1.0, r)) / abs(r)
-        dx, dy = _differences(p, x, geo)
-        tau = math.sqrt(dx * dx + dy * dy + eps * eps)
-        scale = lambda1 / tau
-        dx, dy = dx / tau, dy / tau
-        a[p] = scale * (1.0 - qx[p] * dx)
-        d[p] = scale * (1.0 - qy[p] * dy)
-        b[p] = -0.5 * scale * (qx[p] * dy + qy[p] * dx)
+    for t in prange(len(geo.frames) - 1):
+        for p in pixels_of(t, geo):
+            r = x[p] - np.float64(observed[p])
+            weight = 1.0 if abs(r) <= delta else delta * (1.0 - u[p] * math.copysign(1.0, r)) / abs(r)
+            data[p] = confidence[p] * weight
+            dx, dy = differences(p, x, geo)
+            inverse = 1.0 / math.sqrt(dx * dx + dy * dy + eps * eps)
+            scale, dx, dy = lambda1 * inverse, dx * inverse, dy * inverse
+            a[p] = scale * (1.0 - qx[p] * dx)
+            d[p] = scale * (1.0 - qy[p] * dy)
+            b[p] = -0.5 * scale * (qx[p] * dy + qy[p] * dx)
 
 
 @njit(cache=True, parallel=True)
 def update_duals(x, z, qx, qy, u, geo, observed, params):
-    """Newton's step of the duals for the step z of x, clipped to the unit ball; x is the value before the step."""
+    """Newton's step of the duals for the step z of x, put back into the unit ball; x is the value before the step."""
     delta, _, _, eps = params
-    for p in prange(len(x)):
-        r = x[p] - np.float64(observed[p])
-        if abs(r) <= delta:
-            new_u = (r + z[p]) / delta
-        else:
+    for t in prange(len(geo.frames) - 1):
+        for p in pixels_of(t, geo):
+            r, step = x[p] - np.float64(observed[p]), np.float64(z[p])
             sign = math.copysign(1.0, r)
-            new_u = sign + z[p] * (1.0 - u[p] * sign) / abs(r)
-        u[p] = min(1.0, max(-1.0, new_u))
-        dx, dy = _differences(p, x, geo)
-        zx, zy = _differences(p, z, geo)
-        tau = math.sqrt(dx * dx + dy * dy + eps * eps)
-        along = (dx * zx + dy * zy) / (tau * tau)
-        new_x, new_y = (dx + zx) / tau - qx[p] * along, (dy + zy) / tau - qy[p] * along
-        size = max(1.0, math.sqrt(new_x * new_x + new_y * new_y) * (1.0 + 1e-7))  # |q| <= 1 after rounding, too
-        qx[p], qy[p] = new_x / size, new_y / size
+            new_u = (r + step) / delta if abs(r) <= delta else sign + step * (1.0 - u[p] * sign) / abs(r)
+            u[p] = min(1.0, max(-1.0, new_u))
+            dx, dy = differences(p, x, geo)
+            zx, zy = differences(p, z, geo)
+            inverse = 1.0 / math.sqrt(dx * dx + dy * dy + eps * eps)
+            along = (dx * zx + dy * zy) * inverse * inverse
+            new_x, new_y = (dx + zx) * inverse - qx[p] * along, (dy + zy) * inverse - qy[p] * along
+            # The margin keeps |q| <= 1 after rounding to float32, as the certificate needs.
+            size = max(1.0, math.sqrt(new_x * new_x + new_y * new_y) * (1.0 + 1e-7))
+            qx[p], qy[p] = new_x / size, new_y / size
 
 
 @njit(cache=True)
-def _apply_space(t, z, out, geo, a, b, d):
-    """Adds D^T ((a, b), (b, d)) D z of frame t."""
-    for p in range(geo.frames[t], geo.frames[t + 1]):
-        dx, dy = _differences(p, z, geo)
-        fx, fy = a[p] * dx + b[p] * dy, b[p] * dx + d[p] * dy
-        if geo.flags[p] & HAS_RIGHT:
-            out[p] -= fx
-            out[p + 1] += fx
-        down = geo.down[p]
-        if down >= 0:
-            out[p] -= fy
-            out[down] += fy
-
-
-@njit(cache=True)
-def _start_frame(t, z, out, geo, data):
-    """Writes out = data * z on frame t."""
-    for p in range(geo.frames[t], geo.frames[t + 1]):
-        out[p] = data[p] * z[p]
+def _apply_frame(t, z, out, geo, operator, coupling, following):
+    """Adds A z of frame t: data, space and, where there is a next frame, links. One pass over the lists."""
+    data, a, b, d = operator
+    linked = has_links(t, geo)
+    from_left = np.float32(0)
+    for p in pixels_of(t, geo):
+        dx, dy = differences(p, z, geo)
+        to_right, to_down = a[p] * dx + b[p] * dy, b[p] * dx + d[p] * dy
+        if not geo.flags[p] & HAS_RIGHT:
+            to_right = np.float32(0)
+        value = data[p] * z[p] + from_left - to_right
+        from_left = to_right
+        if geo.flags[p] & HAS_DOWN:
+            out[geo.down[p]] += to_down
+            value -= to_down
+        if linked:
+            flux = coupling * geo.link[p] * link_residual(p, z, geo)
+            value -= flux
+            if following:
+                scatter_next(p, flux, out, geo)
+        out[p] += value
 
 
 @njit(cache=True, parallel=True)
 def apply(z, out, dots, geo, operator, coupling, groups):
-    """Writes out = A z of the linearised energy, float32 [N], and z . A z per frame in float64; `coupling` is 2 lambda2."""
-    data, a, b, d = operator
+    """Writes out = A z [N], float32, and z . A z per frame in float64; `coupling` is 2 lambda2."""
     for group in prange(len(groups) - 1):
         first, last = groups[group], groups[group + 1]
-        _start_frame(first, z, out, geo, data)
-        if first > 0:
-            _links(first - 1, z, out, geo, coupling, False, True)
+        out[geo.frames[first] : geo.frames[last]] = 0
+        links_into(first, z, out, geo, coupling)
         for t in range(first, last):
-            if t + 1 < last:
-                _start_frame(t + 1, z, out, geo, data)
-            _apply_space(t, z, out, geo, a, b, d)
-            _links(t, z, out, geo, coupling, True, t + 1 < last)
+            _apply_frame(t, z, out, geo, operator, coupling, t + 1 < last)
             total = 0.0
-            for p in range(geo.frames[t], geo.frames[t + 1]):
+            for p in pixels_of(t, geo):
                 if geo.flags[p] & FIXED:
                     out[p] = 0
                 total += np.float64(out[p]) * z[p]
@@ -222,77 +217,77 @@ def apply(z, out, dots, geo, operator, coupling, groups):
 
 
 @njit(cache=True)
-def _diagonal_space(t, out, geo, a, b, d, coupling):
-    """Adds the diagonal of frame t's spatial term and of its own end of the links."""
-    for p in range(geo.frames[t], geo.frames[t + 1]):
-        right, down = geo.flags[p] & HAS_RIGHT, geo.down[p]
-        if right:
-            out[p] += a[p]
-            out[p + 1] += a[p]
-        if down >= 0:
-            out[p] += d[p]
-            out[down] += d[p]
-            if right:
-                out[p] += 2 * b[p]
-        out[p] += coupling * geo.link[p]
+def _diagonal_links(t, out, geo, coupling):
+    """Adds the diagonal of the links t -> t + 1 at their sampled end."""
+    if has_links(t, geo):
+        for p in pixels_of(t, geo):
+            top, bottom, scale, w = geo.top[p], geo.bottom[p], coupling * geo.link[p], geo.weights
+            out[top] += scale * w[p, 0] * w[p, 0]
+            out[top + ONE] += scale * w[p, 1] * w[p, 1]
+            out[bottom] += scale * w[p, 2] * w[p, 2]
+            out[bottom + ONE] += scale * w[p, 3] * w[p, 3]
 
 
 @njit(cache=True)
-def _diagonal_links(t, out, geo, coupling):
-    """Adds the diagonal of the links t -> t + 1 at their sampled end."""
-    for p in range(geo.frames[t], geo.frames[t + 1]):
-        for k in range(4):
-            w = geo.weights[p, k]
-            if w != 0:
-                out[(geo.top[p] if k < 2 else geo.bottom[p]) + (k & 1)] += coupling * geo.link[p] * w * w
+def _diagonal_space(t, out, geo, operator, coupling):
+    """Adds the diagonal of frame t's data and spatial terms and of its own end of the links."""
+    data, a, b, d = operator
+    for p in pixels_of(t, geo):
+        value = data[p] + coupling * geo.link[p]
+        if geo.flags[p] & HAS_RIGHT:
+            value += a[p]
+            out[p + ONE] += a[p]
+        if geo.flags[p] & HAS_DOWN:
+            value += d[p]
+            out[geo.down[p]] += d[p]
+            if geo.flags[p] & HAS_RIGHT:
+                value += 2 * b[p]
+        out[p] += value
 
 
 @njit(cache=True, parallel=True)
-def diagonal(out, geo, operator, coupling, groups):
-    """Diagonal of A [N]; 1 at fixed pixels and where A has no entry (their residual is 0)."""
-    data, a, b, d = operator
+def inverse_diagonal(out, geo, operator, coupling, groups):
+    """One over the diagonal of A [N]; 1 at fixed pixels and where A has no entry (their residual is 0)."""
     for group in prange(len(groups) - 1):
         first, last = groups[group], groups[group + 1]
-        for p in range(geo.frames[first], geo.frames[last]):
-            out[p] = data[p]
+        out[geo.frames[first] : geo.frames[last]] = 0
         if first > 0:
             _diagonal_links(first - 1, out, geo, coupling)
         for t in range(first, last):
-            _diagonal_space(t, out, geo, a, b, d, coupling)
+            _diagonal_space(t, out, geo, operator, coupling)
             if t + 1 < last:
                 _diagonal_links(t, out, geo, coupling)
-        for p in range(geo.frames[first], geo.frames[last]):
-            if geo.flags[p] & FIXED or not out[p] > 0:
-                out[p] = 1
+            for p in pixels_of(t, geo):
+                out[p] = np.float32(1) / out[p] if out[p] > 0 and not geo.flags[p] & FIXED else np.float32(1)
 
 
 @njit(cache=True, parallel=True)
-def start_cg(gradient, diagonal, z, r, p, frames, dots):
+def start_cg(gradient, inverse, z, r, p, frames, dots):
     """Starts conjugate gradients at z = 0 for the right-hand side - gradient; `dots` as in `advance`."""
     for t in prange(len(frames) - 1):
         total = 0.0
-        for i in range(frames[t], frames[t + 1]):
+        for i in range(np.uint64(frames[t]), np.uint64(frames[t + 1])):
             z[i] = 0
             r[i] = -gradient[i]
-            p[i] = r[i] / diagonal[i]
+            p[i] = r[i] * inverse[i]
             total += np.float64(r[i]) * p[i]
         dots[t] = total
 
 
 @njit(cache=True, parallel=True)
-def advance(alpha, z, r, p, ap, diagonal, frames, dots):
+def advance(alpha, z, r, p, ap, inverse, frames, dots):
     """Step: z += alpha p, r -= alpha A p, and r . M^-1 r per frame."""
     for t in prange(len(frames) - 1):
         total = 0.0
-        for i in range(frames[t], frames[t + 1]):
+        for i in range(np.uint64(frames[t]), np.uint64(frames[t + 1])):
             z[i] += alpha * p[i]
             r[i] -= alpha * ap[i]
-            total += np.float64(r[i]) * (r[i] / diagonal[i])
+            total += np.float64(r[i]) * (r[i] * inverse[i])
         dots[t] = total
 
 
 @njit(cache=True, parallel=True)
-def turn(beta, p, r, diagonal):
+def turn(beta, p, r, inverse):
     """Turn: p = M^-1 r + beta p."""
     for i in prange(len(p)):
-        p[i] = r[i] / diagonal[i] + beta * p[i]
+        p[i] = r[i] * inverse[i] + beta * p[i]

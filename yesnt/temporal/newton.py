@@ -86,8 +86,13 @@ class State:
 
 
 def frame_groups(geometry: Geometry, threads: int) -> NDArray[np.int64]:
-    """Splits the frames into at most `threads` runs of about equal pixel counts."""
+    """Splits the frames into at most `threads` runs of about equal pixel counts.
+
+    One run if a frame has a single pixel, because its stencils then touch the frame before (geometry.py).
+    """
     frames = geometry.frames
+    if np.any(np.diff(frames) == 1):
+        threads = 1
     targets = frames[-1] * np.arange(1, threads) / threads
     edges = np.searchsorted(frames, targets)
     return np.unique(np.concatenate([[0], edges, [len(frames) - 1]])).astype(np.int64)
@@ -106,7 +111,7 @@ class NewtonSolver:
         self.per_frame = np.zeros(frames)
         self.qx, self.qy, self.u = (np.zeros(count, np.float32) for _ in range(3))
         self.operator = tuple(np.zeros(count, np.float32) for _ in range(4))
-        self.diagonal = np.zeros(count, np.float32)
+        self.inverse = np.zeros(count, np.float32)
         self.z, self.r, self.p, self.ap = (np.zeros(count, np.float32) for _ in range(4))
 
     def evaluate(self, x: Array) -> float:
@@ -136,9 +141,9 @@ class NewtonSolver:
         kernels.linearise(
             x, self.qx, self.qy, self.u, geometry, problem.observed, problem.confidence, problem.numbers, *self.operator
         )
-        kernels.diagonal(self.diagonal, geometry, self.operator, coupling, self.groups)
+        kernels.inverse_diagonal(self.inverse, geometry, self.operator, coupling, self.groups)
         frames = geometry.frames
-        kernels.start_cg(self.gradient, self.diagonal, self.z, self.r, self.p, frames, self.per_frame)
+        kernels.start_cg(self.gradient, self.inverse, self.z, self.r, self.p, frames, self.per_frame)
         rho = float(np.sum(self.per_frame))
         goal = rho * reduction**2
         for count in range(limit):
@@ -149,9 +154,9 @@ class NewtonSolver:
             if not curvature > 0:
                 return count
             alpha = np.float32(rho / curvature)
-            kernels.advance(alpha, self.z, self.r, self.p, self.ap, self.diagonal, frames, self.per_frame)
+            kernels.advance(alpha, self.z, self.r, self.p, self.ap, self.inverse, frames, self.per_frame)
             previous, rho = rho, float(np.sum(self.per_frame))
-            kernels.turn(np.float32(rho / previous), self.p, self.r, self.diagonal)
+            kernels.turn(np.float32(rho / previous), self.p, self.r, self.inverse)
         return limit
 
     def step(self, state: State, limits: Limits) -> None:

@@ -13,6 +13,7 @@ class FakeBackend:
     version = "1"
     licence = Licence("Apache-2.0", commercial=True)
     patch = 32
+    align = 1
     batch = 4
     noise_sigmas = (0.0, 6.0)
     evaluations = 1

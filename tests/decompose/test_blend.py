@@ -1,3 +1,5 @@
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,21 @@ def test_windows_sum_to_one_everywhere(seed):
     for patch in grid.patches:
         grid.crop(total, patch)[...] += grid.window(patch)
     np.testing.assert_allclose(total, 1, atol=1e-6)
+
+
+@pytest.mark.parametrize("length", [96, 100, 129, 384, 1000])
+def test_aligned_grids_cover_and_stay_aligned(length):
+    grid = PatchGrid.cover(length, 96, 96, 0.25, align=8)
+    tops = sorted({patch.top for patch in grid.patches})
+    assert all(top % 8 == 0 for top in tops)
+    assert length <= grid.height < length + 96
+    assert all(b - a <= 72 for a, b in pairwise(tops))
+    assert tops[-1] + 96 == grid.height
+
+
+def test_patch_must_be_aligned():
+    with pytest.raises(ValueError, match="multiple of 8"):
+        PatchGrid.cover(100, 100, 90, 0.25, align=8)
 
 
 def test_constant_field_stays_constant_to_1e_6():

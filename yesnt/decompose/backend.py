@@ -34,6 +34,8 @@ class Backend(Protocol):
         version: of code and sampling parameters; part of the record's key.
         licence: of the weights.
         patch: side of a patch P in pixels.
+        align: patch origins are multiples of this, and P is one: networks that work at a fraction of the resolution
+            then see the same grid, and pooled noise the same values, in every patch.
         batch: rows B of every call.
         noise_sigmas: one entry per noise plane, C in all: the Gaussian blur in pixels of that plane of the full-frame
             noise field, 0 for white noise (see `yesnt.decompose.noise_planes`).
@@ -49,6 +51,8 @@ class Backend(Protocol):
     def licence(self) -> Licence: ...  # noqa: D102
     @property
     def patch(self) -> int: ...  # noqa: D102
+    @property
+    def align(self) -> int: ...  # noqa: D102
     @property
     def batch(self) -> int: ...  # noqa: D102
     @property

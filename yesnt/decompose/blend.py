@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -66,15 +67,28 @@ class PatchGrid:
     column_windows: NDArray[np.float64]
 
     @classmethod
-    def cover(cls, height: int, width: int, size: int, overlap: float) -> PatchGrid:
+    def cover(cls, height: int, width: int, size: int, overlap: float, align: int = 1) -> PatchGrid:
         """Covers a frame with patches that overlap by at least the fraction `overlap` of their side.
 
+        Args:
+            height: rows; the grid's own may be larger, up to a multiple of `align` and at least one patch.
+            width: columns, likewise.
+            size: side of a patch, a multiple of `align`.
+            overlap: in [0, 1).
+            align: origins are multiples of it.
+
         Raises:
-            ValueError: overlap is not in [0, 1).
+            ValueError: overlap is out of range or the size is not aligned.
         """
-        height, width = max(height, size), max(width, size)
-        pixels = round(overlap * size)
-        tops, lefts = patch_origins(height, size, pixels), patch_origins(width, size, pixels)
+        if not 0 <= overlap < 1 or size % align:
+            raise ValueError(f"overlap {overlap} must be in [0, 1) and the patch {size} a multiple of {align}")
+        height, width = (max(-(-length // align) * align, size) for length in (height, width))
+        # Counted in units of `align`, so that every origin is aligned and the overlap still holds.
+        units = min(math.ceil(overlap * size / align), size // align - 1)
+        tops, lefts = (
+            tuple(align * origin for origin in patch_origins(length // align, size // align, units))
+            for length in (height, width)
+        )
         patches = tuple(Patch(top, left, i, j) for i, top in enumerate(tops) for j, left in enumerate(lefts))
         return cls(height, width, size, patches, unit_windows(tops, size, height), unit_windows(lefts, size, width))
 

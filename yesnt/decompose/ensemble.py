@@ -110,7 +110,7 @@ class _Picture:
         inside = matte > 0
         if not np.isfinite(rgb[inside]).all():
             raise ValueError("rgb holds NaN or Inf inside the matte")
-        grid = PatchGrid.cover(matte.shape[0], matte.shape[1], backend.patch, settings.overlap)
+        grid = PatchGrid.cover(matte.shape[0], matte.shape[1], backend.patch, settings.overlap, backend.align)
         pad = ((0, grid.height - matte.shape[0]), (0, grid.width - matte.shape[1]))
         clean = np.where(inside[..., None], rgb, 0).astype(np.float32)
         return cls(grid, np.pad(clean.transpose(2, 0, 1), ((0, 0), *pad)), np.pad(matte.astype(np.float32), pad))

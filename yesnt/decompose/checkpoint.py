@@ -1,0 +1,51 @@
+"""Folders of published weights: what they must hold, and their digest."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+from yesnt.errors import JobError
+
+
+@dataclass(frozen=True)
+class Published:
+    """A checkpoint as its authors publish it.
+
+    Attributes:
+        title: what it is called.
+        source: where it is published.
+        files: relative paths that must exist; a tuple means any one of them.
+    """
+
+    title: str
+    source: str
+    files: tuple[str | tuple[str, ...], ...]
+
+    def check(self, folder: Path) -> None:
+        """Refuses a folder that lacks a file.
+
+        Raises:
+            JobError: naming every absent file.
+        """
+        absent = [" or ".join(choice) for choice in self._choices() if not any((folder / f).is_file() for f in choice)]
+        if absent:
+            raise JobError(
+                f"the folder lacks {', '.join(absent)} of {self.title}",
+                str(folder),
+                "the layout in which it is published, as safetensors",
+                f"download {self.source} into this folder",
+            )
+
+    def digest(self, folder: Path) -> str:
+        """SHA-256 over names and contents of all safetensors and JSON files, hexadecimal."""
+        whole = hashlib.sha256()
+        for path in sorted(p for p in folder.rglob("*") if p.suffix in (".safetensors", ".json")):
+            whole.update(path.relative_to(folder).as_posix().encode() + b"\0")
+            with path.open("rb") as file:
+                whole.update(hashlib.file_digest(file, "sha256").digest())
+        return whole.hexdigest()
+
+    def _choices(self) -> tuple[tuple[str, ...], ...]:
+        return tuple((f,) if isinstance(f, str) else f for f in self.files)

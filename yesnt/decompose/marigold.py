@@ -1,0 +1,144 @@
+"""Marigold-IID "appearance" (Ke et al. 2025) through diffusers: the recommended large backend."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch.nn import functional as F
+
+from yesnt.decompose.backend import Licence
+from yesnt.decompose.checkpoint import Published
+from yesnt.errors import JobError, MissingPartError
+
+_WEIGHTS = ("diffusion_pytorch_model.safetensors", "diffusion_pytorch_model.fp16.safetensors")
+
+MARIGOLD = Published(
+    "Marigold-IID appearance",
+    "prs-eth/marigold-iid-appearance-v1-1 (Hugging Face)",
+    (
+        "model_index.json",
+        "scheduler/scheduler_config.json",
+        "unet/config.json",
+        tuple(f"unet/{name}" for name in _WEIGHTS),
+        "vae/config.json",
+        tuple(f"vae/{name}" for name in _WEIGHTS),
+        "text_encoder/config.json",
+        ("text_encoder/model.safetensors", "text_encoder/model.fp16.safetensors"),
+        "tokenizer/tokenizer_config.json",
+    ),
+)
+"""What the folder must hold."""
+
+
+class MarigoldBackend:
+    """Samples the material target of Marigold-IID, one member a draw.
+
+    It takes sRGB-coded colour and gives linear roughness (red) and metallicity (green). Per member it equals a direct
+    call of `MarigoldIntrinsicsPipeline` with `latents` and native resolution; the picture is encoded once for all
+    members, and only the material target is decoded.
+
+    Args:
+        folder: local checkpoint; nothing is ever downloaded.
+        steps: denoising steps, the checkpoint's own number by default.
+        patch: side of a patch, the checkpoint's processing resolution by default.
+
+    Raises:
+        MissingPartError: diffusers is not installed.
+        JobError: a file is absent, or the checkpoint has no material target or a scheduler that draws its own noise.
+    """
+
+    name = "marigold"
+    licence = Licence("OpenRAIL++-M", commercial=True)
+    batch = 1
+
+    def __init__(self, folder: Path, steps: int | None = None, patch: int | None = None) -> None:
+        MARIGOLD.check(folder)
+        self._pipeline = _load(folder)
+        self._device = "cuda" if torch.cuda.is_available() else "cpu"
+        self._pipeline.to(self._device)
+        self._target = _material_target(self._pipeline, folder)
+        self.align = int(self._pipeline.vae_scale_factor)
+        self.patch = patch or int(self._pipeline.default_processing_resolution)
+        self.evaluations = steps or int(self._pipeline.default_denoising_steps)
+        self.version = f"1-{self.evaluations}-{self.patch}"
+        self.noise_sigmas = (0.0,) * int(self._pipeline.unet.config.out_channels)
+        self.weights_digest = MARIGOLD.digest(folder)
+        self._text = _empty_prompt(self._pipeline)
+
+    @torch.no_grad()
+    def encode(self, rgb: torch.Tensor, matte: torch.Tensor) -> torch.Tensor:
+        """[1, 3, P, P] to the picture's latent [1, 4, P/8, P/8]; the matte has already blackened what is outside."""
+        vae = self._pipeline.vae
+        coded = 2 * _srgb(rgb.to(self._device, vae.dtype)) - 1
+        return vae.encode(coded).latent_dist.mode() * vae.config.scaling_factor
+
+    @torch.no_grad()
+    def sample(self, condition: torch.Tensor, noise: torch.Tensor) -> torch.Tensor:
+        """Denoises the latents of all targets, decodes the material."""
+        pipeline = self._pipeline
+        # The mean of a k x k block of white noise has variance 1 / k^2; origins are aligned, so neighbours agree.
+        latent = F.avg_pool2d(noise.to(condition), self.align) * self.align
+        pipeline.scheduler.set_timesteps(self.evaluations, device=latent.device)
+        for time in pipeline.scheduler.timesteps:
+            predicted = pipeline.unet(
+                torch.cat([condition, latent], 1), time, encoder_hidden_states=self._text, return_dict=False
+            )[0]
+            latent = pipeline.scheduler.step(predicted, time, latent).prev_sample
+        channels = pipeline.vae.config.latent_channels
+        target = latent[:, self._target * channels : (self._target + 1) * channels]
+        decoded: torch.Tensor = pipeline.decode_prediction(target)
+        return decoded[:, :2].float()
+
+
+def _load(folder: Path) -> Any:
+    try:
+        from diffusers import MarigoldIntrinsicsPipeline
+    except ImportError as error:
+        raise MissingPartError(
+            "the marigold backend needs diffusers",
+            "decompose.backend",
+            "diffusers and transformers installed",
+            "pip install 'yesnt[diffusers]'",
+        ) from error
+    half = not (folder / "unet" / _WEIGHTS[0]).is_file()
+    pipeline = MarigoldIntrinsicsPipeline.from_pretrained(
+        folder, local_files_only=True, use_safetensors=True, variant="fp16" if half else None
+    )
+    pipeline.set_progress_bar_config(disable=True)
+    return pipeline
+
+
+def _material_target(pipeline: Any, folder: Path) -> int:
+    """Position of the material among the targets; also refuses what would break determinism."""
+    names = list((pipeline.target_properties or {}).get("target_names", ()))
+    if "material" not in names:
+        raise JobError(
+            f"the checkpoint predicts {', '.join(names) or 'nothing named'}",
+            str(folder / "model_index.json"),
+            "a target named material",
+            "use the appearance checkpoint, not the lighting one",
+        )
+    if type(pipeline.scheduler).__name__ != "DDIMScheduler":
+        raise JobError(
+            f"the scheduler {type(pipeline.scheduler).__name__} draws noise of its own",
+            str(folder / "scheduler"),
+            "DDIMScheduler, so that a member depends on its key alone",
+            "restore the published scheduler",
+        )
+    return names.index("material")
+
+
+@torch.no_grad()
+def _empty_prompt(pipeline: Any) -> torch.Tensor:
+    """Embedding of the empty text [1, n, c], padded by nothing, as the model was trained."""
+    tokens = pipeline.tokenizer("", padding="do_not_pad", truncation=True, return_tensors="pt").input_ids
+    embedding: torch.Tensor = pipeline.text_encoder(tokens.to(pipeline.device))[0]
+    return embedding.to(pipeline.dtype)
+
+
+def _srgb(linear: torch.Tensor) -> torch.Tensor:
+    """Linear to sRGB code values (IEC 61966-2-1), clipped to [0, 1]."""
+    x = linear.clamp(0, 1)
+    return torch.where(x <= 0.0031308, 12.92 * x, 1.055 * x.clamp_min(0.0031308) ** (1 / 2.4) - 0.055)

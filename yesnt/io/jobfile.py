@@ -54,7 +54,7 @@ def parse_frames(text: str, where: str) -> tuple[int, ...]:
 
     problem: object = "no frames"
     try:
-        frames = tuple(int(f) for f in FrameSet(text))
+        frames = tuple(_whole(f) for f in FrameSet(text))
     except (FileSeqException, ValueError, TypeError, OverflowError) as error:
         frames, problem = (), error
     if not frames or len(frames) > MAX_FRAMES:
@@ -63,6 +63,13 @@ def parse_frames(text: str, where: str) -> tuple[int, ...]:
             f"The frame range {text!r} cannot be used ({reason})", where, "1001-1024 or 1001-1010x2,1020", "mend it"
         )
     return tuple(sorted(frames))
+
+
+def _whole(frame: object) -> int:
+    """The number of a frame; fileseq also knows subframes, the product does not."""
+    if int(str(frame).partition(".")[0]) != float(str(frame)):
+        raise ValueError(f"{frame} is no whole frame")
+    return int(str(frame).partition(".")[0])
 
 
 @lru_cache(maxsize=64)

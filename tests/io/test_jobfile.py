@@ -1,0 +1,100 @@
+from pathlib import Path
+
+import pytest
+import yaml
+
+from yesnt.errors import JobError, UsageError
+from yesnt.io.jobfile import frame_path, frames_on_disk, load_shot, parse_frames
+
+GOOD = {
+    "version": 1, "name": "walk", "frames": "1-4", "plate": {"path": "p.####.exr"}, "gbuffer": {"path": "g.####.exr"},
+    "camera": "camera.json", "light": {"path": "l.exr"},
+}  # fmt: skip
+
+
+def job(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "shot.yaml"
+    path.write_text(text)
+    return path
+
+
+def test_defaults_are_the_contract(tmp_path: Path) -> None:
+    shot = load_shot(job(tmp_path, yaml.safe_dump(GOOD)))
+    assert (shot.decompose.backend, shot.decompose.samples, shot.quality, shot.seed) == ("embedded", 8, "standard", 0)
+    assert (shot.gbuffer.z, shot.gbuffer.normal, shot.gbuffer.normal_space) == ("depth.Z", "N", "world")
+    assert (shot.light.convention, shot.light.rotation, shot.output) == ("blender", (0, 0, 0), "out")
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("camra: x", r"Unknown key 'camra'.*line 9"),
+        ("seed: hello", r"'seed' cannot be used.*line 9"),
+        ("seed: 1.5", "'seed' cannot be used"),
+        ("seed: -1", "'seed' cannot be used"),
+        ("output: !!python/object/apply:os.system ['true']", r"not plain YAML.*python.*line 9"),
+        ("decompose: {samples: 0}", r"'decompose.samples' cannot be used.*line 9"),
+        ("decompose: {sample: 4}", r"Unknown key 'decompose.sample'.*line 9"),
+        ("quality: best", "'quality' cannot be used"),
+        ("output: [", "not plain YAML"),
+        ("light: {path: l.exr, rotation: [0, 0]}", "'light.rotation"),
+        ("light: {path: l.exr, exposure: .nan}", "'light.exposure'"),
+    ],
+)
+def test_bad_lines_are_named(tmp_path: Path, line: str, message: str) -> None:
+    key = line.partition(":")[0]
+    text = yaml.safe_dump({k: v for k, v in GOOD.items() if k != key}, default_flow_style=None)
+    padding = "#\n" * (8 - text.count("\n"))
+    with pytest.raises(JobError, match=message):
+        load_shot(job(tmp_path, f"{text}{padding}{line}\n"))
+
+
+@pytest.mark.parametrize("name", ["a/b", "..", "a\\b", " a", ""])
+def test_names_with_separators_are_refused(tmp_path: Path, name: str) -> None:
+    with pytest.raises(JobError, match="'name' cannot be used"):
+        load_shot(job(tmp_path, yaml.safe_dump({**GOOD, "name": name})))
+
+
+@pytest.mark.parametrize("text", ["", "- 1\n", "hello", "version: 2\n"])
+def test_what_is_no_job_is_refused(tmp_path: Path, text: str) -> None:
+    with pytest.raises(JobError):
+        load_shot(job(tmp_path, text))
+
+
+def test_absent_job_says_how_to_make_one(tmp_path: Path) -> None:
+    with pytest.raises(JobError, match="yesnt init"):
+        load_shot(tmp_path / "shot.yaml")
+
+
+@pytest.mark.parametrize(
+    ("text", "frames"),
+    [
+        ("1001-1004", (1001, 1002, 1003, 1004)),
+        ("1-9x4", (1, 5, 9)),
+        ("3,1", (1, 3)),
+        ("-2-0", (-2, -1, 0)),
+        ("7", (7,)),
+    ],
+)
+def test_ranges(text: str, frames: tuple[int, ...]) -> None:
+    assert parse_frames(text, "here") == frames
+
+
+@pytest.mark.parametrize("text", ["", "a-b", "1-", "1-10:", "1-99999999", "1.5"])
+def test_bad_ranges_are_refused_in_one_paragraph(text: str) -> None:
+    with pytest.raises(UsageError, match=r"^The frame range .* cannot be used .*Where: here\.") as caught:
+        parse_frames(text, "here")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("pattern", ["p.####.exr", "p.%04d.exr", "p.@@@@.exr", "p.$F4.exr"])
+def test_every_field_notation_of_frames_works(tmp_path: Path, pattern: str) -> None:
+    assert frame_path(tmp_path, pattern, 12) == tmp_path / "p.0012.exr"
+    for number in (7, 12, 12345):
+        (tmp_path / f"p.{number:04d}.exr").touch()
+    assert frames_on_disk(tmp_path, pattern) == {7, 12, 12345}
+
+
+def test_absolute_paths_and_still_pictures_stay(tmp_path: Path) -> None:
+    assert frame_path("/a", "/b/p.exr", 3) == Path("/b/p.exr")
+    assert frames_on_disk(tmp_path, "still.exr") == set()

@@ -1,0 +1,145 @@
+"""Bad input is refused in one paragraph before anything is written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.tiny_shot import write_tiny_shot
+from yesnt.errors import JobError, YesntError
+from yesnt.io.exr import read_image, write_exr
+from yesnt.io.output import OutputFolder
+from yesnt.preflight import inspect, resolve
+from yesnt.session import RunOptions, Session
+
+
+def check(path: Path) -> list[str]:
+    return inspect(resolve(path))
+
+
+def rewrite(path: Path, drop: str = "", **channels) -> None:
+    image = read_image(path)
+    planes = {name: plane for name, plane in image.channels.items() if name != drop}
+    write_exr(path, planes | {name.replace("_", "."): plane for name, plane in channels.items()})
+
+
+def spoiled(path: Path, channel: str, value: float) -> None:
+    plane = read_image(path).channels[channel].copy()
+    plane[16, 20] = value
+    rewrite(path, **{channel.replace(".", "_"): plane})
+
+
+def test_a_good_shot_passes_without_warnings(tiny_shot: Path) -> None:
+    assert check(tiny_shot) == []
+
+
+SPOILERS = {
+    "missing plate": (lambda d: (d / "plate.1002.exr").unlink(), r"missing.*plate\.1002"),
+    "missing gbuffer": (lambda d: (d / "gbuffer.1004.exr").unlink(), r"missing.*gbuffer\.1004"),
+    "missing proxy": (lambda d: (d / "proxy.1001.ply").unlink(), r"missing.*proxy\.1001"),
+    "missing env map": (lambda d: (d / "light.exr").unlink(), r"missing.*light\.exr"),
+    "extra plate": (
+        lambda d: (d / "plate.1009.exr").write_bytes(b""),
+        r"1 frames on disk are not in the range, first 1009",
+    ),
+    "truncated plate": (
+        lambda d: (d / "plate.1003.exr").write_bytes((d / "plate.1003.exr").read_bytes()[:600]),
+        "damaged|opened",
+    ),
+    "NaN in plate": (lambda d: spoiled(d / "plate.1002.exr", "R", np.nan), r"1 values are NaN or Inf in R.*x=20 y=16"),
+    "Inf in plate": (lambda d: spoiled(d / "plate.1002.exr", "G", np.inf), "NaN or Inf"),
+    "NaN in z": (lambda d: spoiled(d / "gbuffer.1002.exr", "depth.Z", np.nan), r"NaN or Inf in depth\.Z"),
+    "NaN in env map": (lambda d: spoil_light(d, np.nan), r"NaN or Inf in R, G, B.*light"),
+    "absent z": (lambda d: rewrite(d / "gbuffer.1002.exr", drop="depth.Z"), r"no channel depth\.Z.*it has"),
+    "other size": (
+        lambda d: write_exr(d / "plate.1002.exr", {c: np.zeros((8, 8), np.float16) for c in "RGBA"}),
+        "8x8.*40x32",
+    ),
+    "no camera": (lambda d: (d / "camera.json").unlink(), "camera file is missing"),
+    "broken camera": (lambda d: (d / "camera.json").write_text("{"), "camera file cannot be read"),
+    "no pose": (lambda d: repose(d), "no pose for frame 1004"),
+    "broken mesh": (lambda d: (d / "proxy.1001.ply").write_text("ply\n"), "proxy mesh is damaged|no usable triangles"),
+}
+
+
+def spoil_light(folder: Path, value: float) -> None:
+    plane = read_image(folder / "light.exr").channels["R"].copy()
+    plane[0, 0] = value
+    rewrite(folder / "light.exr", R=plane)
+
+
+def repose(folder: Path) -> None:
+    import json
+
+    camera = json.loads((folder / "camera.json").read_text())
+    del camera["frames"]["1004"]
+    (folder / "camera.json").write_text(json.dumps(camera))
+
+
+@pytest.mark.parametrize("name", SPOILERS)
+def test_bad_input_is_refused_and_nothing_written(tiny_shot: Path, name: str) -> None:
+    spoil, message = SPOILERS[name]
+    spoil(tiny_shot.parent)
+    before = sorted(p.name for p in tiny_shot.parent.iterdir())
+    with pytest.raises(YesntError, match=message) as caught:
+        Session(tiny_shot).run(RunOptions())
+    assert "\n" not in str(caught.value)
+    assert caught.value.do
+    assert sorted(p.name for p in tiny_shot.parent.iterdir()) == before
+
+
+def test_negative_radiance_is_clamped_with_a_warning_that_counts(tiny_shot: Path) -> None:
+    spoiled(tiny_shot.parent / "plate.1001.exr", "R", -0.5)
+    spoil_light(tiny_shot.parent, -1.0)
+    warnings = check(tiny_shot)
+    assert any("plate: negative values that are read as 0: 1 in the shot" in w for w in warnings)
+    assert any("light: 1 negative values" in w for w in warnings)
+
+
+def test_extra_frames_may_be_ignored_by_name(tmp_path: Path) -> None:
+    path = write_tiny_shot(tmp_path / "s", extra_frames="ignore")
+    (path.parent / "plate.1009.exr").write_bytes(b"")
+    assert any("outside the range" in w for w in check(path))
+
+
+@pytest.mark.parametrize(
+    ("section", "value", "message"),
+    [
+        ("relight", {"texel": 8}, "Unknown knob 'texel'.*key relight"),
+        ("relight", {"brdf": "phong"}, "brdf"),
+        ("temporal", {"knobs": {"lambda1": -1.0}}, r"lambda1.*key temporal\.knobs"),
+        ("flow", {"knobs": {"methid": "dis-fast"}}, "Unknown knob 'methid'"),
+        ("decompose", {"backend": "magic"}, "No backend 'magic'"),
+    ],
+)
+def test_wrong_knobs_are_refused_by_name(tmp_path: Path, section: str, value: dict, message: str) -> None:
+    path = write_tiny_shot(tmp_path / "s", **{section: value})
+    with pytest.raises(JobError, match=message):
+        resolve(path)
+
+
+def test_inputs_may_be_links_and_absolute_paths(tmp_path: Path) -> None:
+    real = write_tiny_shot(tmp_path / "real")
+    (tmp_path / "linked").symlink_to(real.parent)
+    moved = write_tiny_shot(tmp_path / "job", plate={"path": str(tmp_path / "linked" / "plate.####.exr")})
+    assert check(moved) == []
+
+
+def test_an_output_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    path = write_tiny_shot(tmp_path / "s", output=str(tmp_path / "file" / "out"))
+    with pytest.raises(JobError, match="output folder cannot be written"):
+        check(path)
+
+
+def test_a_full_disk_is_foreseen(tiny_shot: Path) -> None:
+    with pytest.raises(JobError, match=r"GB free.*another disk"):
+        OutputFolder.of(resolve(tiny_shot).job).check(1 << 60)
+
+
+def test_a_second_driver_is_refused_and_named(tiny_shot: Path) -> None:
+    output = OutputFolder.of(resolve(tiny_shot).job)
+    with output.lock(), pytest.raises(JobError, match=r"run already by .*pid"), output.lock():
+        pass

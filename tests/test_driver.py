@@ -1,0 +1,154 @@
+"""The driver on a real two-worker cluster with tasks that fail and kill on demand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.fake_tasks import fake_task, runs_of
+from yesnt.cluster import ClusterSpec, open_cluster
+from yesnt.driver import Driver, DriverSettings, Outcome
+from yesnt.errors import ClusterLostError, UsageError
+from yesnt.graph import Graph, Node
+from yesnt.io.records import RecordBook
+from yesnt.shot import GBufferInput, Job, LightInput, PlateInput, Shot
+
+pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning")  # Dask closes sockets of killed workers late
+
+
+@pytest.fixture(scope="module")
+def client():
+    with open_cluster(ClusterSpec("local", 2)) as client:
+        yield client
+
+
+@pytest.fixture
+def job(tmp_path: Path) -> Job:
+    shot = Shot(
+        version=1, name="x", frames="0-9", plate=PlateInput(path="p"), gbuffer=GBufferInput(path="g"), camera="c",
+        light=LightInput(path="l"),
+    )  # fmt: skip
+    return Job(shot=shot, root=str(tmp_path), frames=tuple(range(10)), width=1, height=1)
+
+
+def chain(count: int, **special) -> Graph:
+    """`count` frames through stages a -> b; special = {"a3": arguments}."""
+    nodes = [Node("a", i, (i,), {"a": i}, (), special.get(f"a{i}", {})) for i in range(count)]
+    nodes += [Node("b", i, (i,), {"b": i}, (("a", i),), special.get(f"b{i}", {})) for i in range(count)]
+    return Graph(nodes)
+
+
+def drive(job: Job, graph: Graph, client, events: list | None = None, **settings) -> Outcome:
+    book = RecordBook(Path(job.root) / "records")
+    listen = events.append if events is not None else lambda event: None
+    driver = Driver(job, graph, book, fake_task, DriverSettings(**settings), listen)
+    driver.reuse()
+    return driver.run(client)
+
+
+def test_everything_runs_once_and_is_reused(job: Job, client) -> None:
+    outcome = drive(job, chain(6), client)
+    assert outcome.complete
+    assert len(outcome.done) == 12
+    again = drive(job, chain(6), client)
+    assert (len(again.done), len(again.reused)) == (0, 12)
+    assert all(runs_of(job, s, i) == 1 for s in "ab" for i in range(6))
+
+
+def test_needs_come_first_and_begun_frames_are_finished_early(job: Job, client) -> None:
+    events: list = []
+    drive(job, chain(8), client, events)
+    finished = [(e["stage"], e["frames"][0]) for e in events if e["event"] == "done"]
+    assert all(finished.index(("a", i)) < finished.index(("b", i)) for i in range(8))
+    assert finished.index(("b", 0)) < finished.index(("a", 7)), "later stages drain what is begun"
+
+
+def test_at_most_one_task_a_slot_is_under_way(job: Job, client) -> None:
+    events: list = []
+    drive(job, chain(8), client, events)
+    running = most = 0
+    for event in events:
+        running += {"start": 1, "done": -1}.get(event["event"], 0)
+        most = max(most, running)
+    assert most == 2
+
+
+def test_a_task_that_fails_once_is_tried_again(job: Job, client) -> None:
+    outcome = drive(job, chain(3, a1={"fail": 1}), client)
+    assert outcome.complete
+    assert runs_of(job, "a", 1) == 2
+
+
+def test_a_task_that_always_fails_is_named_and_the_others_finish(job: Job, client) -> None:
+    outcome = drive(job, chain(4, a1={"fail": 99}), client)
+    assert set(outcome.failed) == {("a", 1)}
+    assert "RuntimeError: told to fail" in outcome.failed["a", 1]
+    assert outcome.blocked == [("b", 1)]
+    assert len(outcome.done) == 6
+    assert runs_of(job, "a", 1) == 2
+
+
+def test_a_frame_that_kills_its_worker_twice_is_dead_and_only_it(job: Job, client) -> None:
+    events: list = []
+    outcome = drive(job, chain(6, a2={"kill": True}), client, events)
+    assert set(outcome.dead) == {("a", 2)}
+    assert outcome.blocked == [("b", 2)]
+    assert len(outcome.done) == 10
+    assert not outcome.failed
+    assert runs_of(job, "a", 2) == 2
+    assert [e["event"] for e in events if e["frames"] == [2] and e["event"] in ("worker_died", "dead")] == [
+        "worker_died",
+        "dead",
+    ]
+
+
+def test_two_poison_frames_do_not_take_each_other_or_innocents_along(job: Job, client) -> None:
+    outcome = drive(job, chain(6, a1={"kill": True}, a2={"kill": True}, a3={"sleep": 0.5}), client)
+    assert set(outcome.dead) == {("a", 1), ("a", 2)}
+    assert len(outcome.done) == 8
+
+
+def test_dashboard_groups_by_stage(job: Job, client) -> None:
+    from dask.utils import key_split
+
+    node = chain(1).nodes["a", 0]
+    assert key_split((f"{node.stage}-{node.key}", 0, 0)) == "a"
+
+
+def test_cluster_listens_on_loopback_only_with_one_thread_each(client) -> None:
+    assert client.scheduler.address.startswith("tcp://127.0.0.1:")
+    assert "//127.0.0.1:" in client.dashboard_link
+    assert set(client.nthreads().values()) == {1}
+    assert all(set(counts.values()) <= {0, 1} for counts in client.run(_thread_counts).values())
+
+
+def _thread_counts() -> dict[str, int]:
+    import numba  # noqa: F401
+    import torch  # noqa: F401
+
+    from yesnt.cluster import pin_threads
+
+    return pin_threads()
+
+
+def test_remote_schedulers_need_tls() -> None:
+    with pytest.raises(UsageError, match="must use TLS"), open_cluster(ClusterSpec("tcp://10.0.0.1:8786")):
+        pass
+    with pytest.raises(UsageError, match="No cluster of the kind"), open_cluster(ClusterSpec("cloud")):
+        pass
+
+
+def test_a_scheduler_that_is_not_there_is_a_lost_cluster(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("yesnt.cluster._CONNECT_SECONDS", 1)
+    with pytest.raises(ClusterLostError, match="does not answer"), open_cluster(ClusterSpec("tcp://127.0.0.1:9")):
+        pass
+
+
+def test_graph_refuses_nodes_before_their_needs() -> None:
+    with pytest.raises(ValueError, match="before what it needs"):
+        Graph([Node("b", 0, (0,), {}, (("a", 0),))])
+
+
+def test_closure_keeps_only_what_targets_need() -> None:
+    assert set(chain(4).closure([("b", 2)]).nodes) == {("a", 2), ("b", 2)}

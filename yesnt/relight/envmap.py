@@ -13,7 +13,9 @@ from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import csr_matrix
 
+from yesnt.color import luminance
 from yesnt.errors import JobError
 
 Float = NDArray[np.floating]
@@ -22,7 +24,7 @@ CONVENTIONS = MappingProxyType({"blender": 0.0, "opengl": 0.25, "mitsuba": -0.25
 """Convention -> u of that map minus u of Blender's map, in turns, for the same world direction.
 
 `opengl` (nvdiffrec, glTF viewers) is Y-up with its centre along -Z; `mitsuba` is Y-up with its centre along +Z. Y-up
-worlds become Z-up as every glTF importer does it: (x, y, z) -> (x, -z, y). All are seen from inside: no mirror is needed.
+worlds become Z-up as every glTF importer does it: (x, y, z) -> (x, -z, y). All are seen from inside: no mirror.
 """
 
 
@@ -155,10 +157,41 @@ def row_solid_angles(height: int, width: int) -> NDArray[np.float64]:
     return 2 * np.pi / width * (edges[:-1] - edges[1:])
 
 
-def texel_directions(height: int, width: int) -> NDArray[np.float64]:
-    """Unit directions of texel centres in the map's axes, [h, w, 3]."""
-    u, v = (np.arange(width) + 0.5) / width, (np.arange(height) + 0.5) / height
-    return uv_to_direction(u[None, :], v[:, None])
+def cell_moments(env: EnvMap, rows: int) -> NDArray[np.float64]:
+    """What a map holds in the cells of a `rows` x 2 `rows` grid, in the map's axes, energy kept exactly.
+
+    Returns:
+        [rows, 2 rows, 10]: energy (radiance times solid angle, exposed) R, G, B; luminance times direction; solid
+        angle; solid angle times direction. A map with fewer rows is taken as flat within its texels. Works a row of
+        cells at a time, so that an 8K map costs no more memory than itself.
+    """
+    radiance = env.radiance
+    repeat = [max(1, -(-size // have)) for size, have in zip((rows, 2 * rows), radiance.shape[:2], strict=True)]
+    height, width = radiance.shape[0] * repeat[0], radiance.shape[1] * repeat[1]
+    shares = _row_shares(height, rows)
+    columns = csr_matrix(overlap(np.linspace(0, 1, width + 1), np.linspace(0, 1, 2 * rows + 1)))
+    solid = row_solid_angles(height, width)
+    cells = np.empty((rows, 2 * rows, 10))
+    for i, (fine, share) in enumerate(shares):
+        colour = np.repeat(radiance[fine // repeat[0]], repeat[1], axis=1).astype(np.float64) * env.gain
+        angle = np.broadcast_to((solid[fine] * share)[:, None, None], (*colour.shape[:2], 1))
+        direction = uv_to_direction((np.arange(width) + 0.5) / width, (fine[:, None] + 0.5) / height)
+        light = luminance(colour)[..., None] * angle
+        amounts = np.concatenate([colour * angle, light * direction, angle, angle * direction], axis=-1)
+        cells[i] = columns @ amounts.sum(axis=0)
+    return cells
+
+
+def _row_shares(height: int, rows: int) -> list[tuple[NDArray[np.int64], NDArray[np.float64]]]:
+    """Fine rows that touch each coarse row and the share of their solid angle that lies in it."""
+    fine = -np.cos(np.pi * np.arange(height + 1) / height)
+    coarse = -np.cos(np.pi * np.arange(rows + 1) / rows)
+    result = []
+    for i in range(rows):
+        touched = np.arange(height * i // rows, min(height, -(-height * (i + 1) // rows)))
+        share = overlap(fine[touched[0] : touched[-1] + 2], coarse[i : i + 2])[0]
+        result.append((touched, share))
+    return result
 
 
 def overlap(fine: NDArray[np.float64], coarse: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -166,12 +199,3 @@ def overlap(fine: NDArray[np.float64], coarse: NDArray[np.float64]) -> NDArray[n
     low = np.maximum(coarse[:-1, None], fine[None, :-1])
     high = np.minimum(coarse[1:, None], fine[None, 1:])
     return np.clip(high - low, 0, None) / (fine[1:] - fine[:-1])[None, :]
-
-
-def cell_sums(texels: Float, height: int, width: int) -> NDArray[np.float64]:
-    """Sums [h, w, k] of per-texel amounts into height x width cells, shares split by exact solid angle."""
-    fine_rows = -np.cos(np.pi * np.arange(texels.shape[0] + 1) / texels.shape[0])
-    rows = overlap(fine_rows, -np.cos(np.pi * np.arange(height + 1) / height))
-    columns = overlap(np.linspace(0, 1, texels.shape[1] + 1), np.linspace(0, 1, width + 1))
-    partial = np.tensordot(rows, np.asarray(texels, dtype=np.float64), axes=(1, 0))
-    return np.moveaxis(np.tensordot(columns, partial, axes=(1, 1)), 0, 1)

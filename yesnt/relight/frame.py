@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.relight.combine import Response, response, shadow_ratio
+from yesnt.relight.edges import resolve_edges
 from yesnt.relight.envmap import EnvMap
 from yesnt.relight.kernels import sum_lobes
 from yesnt.relight.lights import PreparedLight, prepare_light
@@ -80,7 +81,8 @@ def relight_frame(
     plate = np.asarray(inputs.plate, dtype=np.float32).reshape(-1, 3)[pixels.index]
     plate = np.clip(np.nan_to_num(plate, nan=0.0, posinf=65504.0, neginf=0.0), 0, None)
     base = base_color(plate, pixels, occluders, capture, settings)
-    return shade_pixels(base, pixels, occluders, light, settings)
+    relit = shade_pixels(base, pixels, occluders, light, settings)
+    return finish_edges(relit, pixels.image(plate), inputs.surface, settings)
 
 
 def base_color(
@@ -88,11 +90,13 @@ def base_color(
 ) -> F32:
     """Base colour [P, 3] of the pixels: the plate itself, or the plate with its light inverted.
 
-    The bounce needs the proxy's colour and that needs the base colour: both start from the plate and are refined in turn.
+    The bounce needs the proxy's colour and that needs the base colour. The first guess divides the plate by the light
+    that falls on an unoccluded pixel; each pass refines both.
     """
-    base = np.minimum(plate, 1.0)
     if settings.base_color == "plate":
-        return base
+        return np.minimum(plate, 1.0)
+    falls = np.maximum(pixels.normal @ capture.coarse.direction, 0) @ capture.coarse.energy.T / np.float32(np.pi)
+    base = np.clip(plate / np.maximum(falls, 1e-3), 0, 1)
     for _ in range(_passes(occluders, settings)):
         sums = integrate(base, pixels, occluders, capture, settings)
         base = response(sums, pixels, settings.brdf).base_color(plate)
@@ -116,16 +120,26 @@ def shade_pixels(
     return RelitFrame(pixels.image(base), diffuse, specular, shadow)
 
 
+def finish_edges(relit: RelitFrame, guide: F32, surface: Surface, settings: RelightSettings) -> RelitFrame:
+    """Resolves antialiased pixels by the guide [H, W, 3] if the settings ask for it."""
+    if not settings.edges:
+        return relit
+    normal = np.nan_to_num(np.asarray(surface.normal, dtype=np.float32), nan=0.0, posinf=0.0, neginf=0.0)
+    covered = np.nan_to_num(np.asarray(surface.opacity, dtype=np.float32)) > 0
+    diffuse, specular = resolve_edges(np.stack([relit.diffuse, relit.specular]), guide, normal, covered)
+    return replace(relit, diffuse=diffuse, specular=specular)
+
+
 def integrate(base: F32, pixels: Pixels, occluders: Occluders, light: PreparedLight, settings: RelightSettings) -> F32:
     """Lobe sums [P, 16] of all pixels, a tile at a time so that memory stays bounded."""
     glow = None
     if occluders.proxy is not None and settings.bounce > 0:
         albedo = occluders.proxy.paint(occluders.shown, base * (1 - pixels.metallic[:, None]))
-        glow = occluders.proxy.radiance(light, albedo, settings.bounce, settings.offset)
+        glow = occluders.proxy.radiance(light.coarse, albedo, settings.bounce, settings.offset)
     tiles = [np.zeros((0, 16), dtype=np.float32)]
     for first in range(0, len(base), settings.tile):
         part = slice(first, min(first + settings.tile, len(base)))
         visible, bounced = occlusion(occluders, pixels, part, light, glow, settings)
-        lobes = pixels.lobes(part, settings.brdf, settings.lobe_width * light.texel_angle)
+        lobes = pixels.lobes(part, settings.brdf)
         tiles.append(sum_lobes(lobes, light, visible, bounced))
     return np.concatenate(tiles)

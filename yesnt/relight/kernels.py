@@ -46,7 +46,7 @@ class ShadingPoints:
     Attributes:
         normal: [3, P] unit, world.
         view: [3, P] unit, world, towards the camera.
-        alpha: [P] alpha_ggx, already widened for the texels' size.
+        alpha: [P] alpha_ggx; each texel widens the lobe by its own angular size, so that none falls between texels.
         dielectric: [P] uint8, 1 where the dielectric lobe is wanted.
         metal: [P] uint8, 1 where the metallic (Schlick) lobe is wanted.
     """
@@ -75,10 +75,19 @@ def sum_lobes(points: ShadingPoints, light: PreparedLight, visible: F32 | None, 
     if count:
         empty = np.zeros((0, 0), dtype=np.float32)
         glow = np.zeros((3, 0, 0), dtype=np.float32) if bounce is None else bounce
+        widen = np.float32(0.25) * light.spread  # half vectors turn half as far as the light
         weights = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)
         _sum_lobes(
             (points.normal, points.view, points.alpha, points.dielectric, points.metal),
-            (light.direction, light.energy, weights @ light.energy, light.solid_angle, light.cluster_of, light.cone),
+            (
+                light.direction,
+                light.energy,
+                weights @ light.energy,
+                light.solid_angle,
+                light.cluster_of,
+                light.cone,
+                widen,
+            ),
             empty if visible is None else visible,
             glow,
             out,
@@ -154,7 +163,7 @@ def _frame(nx, ny, nz, vx, vy, vz, frame):  # type: ignore[no-untyped-def]  # no
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def _dielectric_lobe(p, frame, alpha, light, visible, bounce, lit, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    direction, energy, luminance, cone = light[0], light[1], light[2], light[5]
+    direction, energy, luminance, cone, widen = light[0], light[1], light[2], light[5], light[6]
     nx, ny, nz, tx, ty, tz = frame[0], frame[1], frame[2], frame[3], frame[4], frame[5]
     bx, by, bz, nv, tv = frame[6], frame[7], frame[8], frame[9], frame[10]
     a2 = alpha * alpha
@@ -177,10 +186,11 @@ def _dielectric_lobe(p, frame, alpha, light, visible, bounce, lit, out):  # type
             tangent = qt * qt + qb * qb
             q = tangent + s * s
             c = _HALF * math.sqrt(q)
-            width = tangent + a2 * s * s
+            b2 = a2 + widen[t]
+            width = tangent + b2 * s * s
             smith = nv * math.sqrt(nl * nl * rest + a2) + nl * smith_o
             f = _C0 + c * (_C1 + c * (_C2 + c * (_C3 + c * (_C4 + c * (_C5 + c * (_C6 + c * _C7))))))
-            w = nl * f * q * q / (width * width * smith)
+            w = nl * f * b2 * q * q / (width * width * smith)
             e0 += nl * r[t]
             e1 += nl * g[t]
             e2 += nl * b[t]
@@ -189,14 +199,14 @@ def _dielectric_lobe(p, frame, alpha, light, visible, bounce, lit, out):  # type
             s1 += w * g[t]
             s2 += w * b[t]
             su += w * luminance[t]
-    scale = a2 * _INV_2PI
+    scale = _INV_2PI
     out[0], out[1], out[2], out[12] = e0, e1, e2, eu
     out[3], out[4], out[5], out[13] = scale * s0, scale * s1, scale * s2, scale * su
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def _metal_lobe(p, frame, alpha, light, visible, bounce, lit, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    direction, energy, luminance, cone = light[0], light[1], light[2], light[5]
+    direction, energy, luminance, cone, widen = light[0], light[1], light[2], light[5], light[6]
     nx, ny, nz, tx, ty, tz = frame[0], frame[1], frame[2], frame[3], frame[4], frame[5]
     bx, by, bz, nv, tv = frame[6], frame[7], frame[8], frame[9], frame[10]
     a2 = alpha * alpha
@@ -219,9 +229,10 @@ def _metal_lobe(p, frame, alpha, light, visible, bounce, lit, out):  # type: ign
             tangent = qt * qt + qb * qb
             q = tangent + s * s
             m = max(_ONE - _HALF * math.sqrt(q), _ZERO)
-            width = tangent + a2 * s * s
+            b2 = a2 + widen[t]
+            width = tangent + b2 * s * s
             smith = nv * math.sqrt(nl * nl * rest + a2) + nl * smith_o
-            shape = nl * q * q / (width * width * smith)
+            shape = nl * b2 * q * q / (width * width * smith)
             high = shape * (m * m) * (m * m) * m
             low = shape - high
             e0 += nl * r[t]
@@ -236,7 +247,7 @@ def _metal_lobe(p, frame, alpha, light, visible, bounce, lit, out):  # type: ign
             f1 += high * g[t]
             f2 += high * b[t]
             fu += high * luminance[t]
-    scale = a2 * _INV_2PI
+    scale = _INV_2PI
     out[0], out[1], out[2], out[12] = e0, e1, e2, eu
     out[6], out[7], out[8], out[14] = scale * s0, scale * s1, scale * s2, scale * su
     out[9], out[10], out[11], out[15] = scale * f0, scale * f1, scale * f2, scale * fu

@@ -78,18 +78,18 @@ def occlusion(
     """
     origins, normals = occluders.origins[part], pixels.normal[part]
     if occluders.proxy is not None:
-        hits = occluders.proxy.cluster_hits(origins, normals, light)
+        hits = occluders.proxy.cluster_hits(origins, normals, light.clusters)
         bounced = None if glow is None else np.stack([glow[hits, k] for k in range(3)])
         return (hits == OPEN).astype(np.float32), bounced
     if occluders.depth is None:
         return None, None
     if settings.shadows != "single":
-        return march(occluders.depth, origins, normals, light.cluster_direction, settings.march_steps), None
+        return march(occluders.depth, origins, normals, light.clusters.direction, settings.march_steps), None
     factor = march(occluders.depth, origins, normals, _main_direction(light), settings.march_steps)
-    return np.repeat(factor, light.cluster_direction.shape[1], axis=1), None
+    return np.repeat(factor, light.clusters.direction.shape[1], axis=1), None
 
 
 def _main_direction(light: PreparedLight) -> F32:
     """Direction [3, 1] of the brightest cluster: where the paper marches to."""
-    brightest = int(np.argmax(light.cluster_energy.sum(axis=0)))
-    return light.cluster_direction[:, brightest : brightest + 1]
+    brightest = int(np.argmax(light.clusters.energy.sum(axis=0)))
+    return light.clusters.direction[:, brightest : brightest + 1]

@@ -50,18 +50,14 @@ class Pixels:
         flat[self.index] = values
         return flat.reshape(*self.shape, *values.shape[1:])
 
-    def lobes(self, part: slice, brdf: str, extra_angle: float) -> ShadingPoints:
-        """Kernel input of a range of pixels; `extra_angle`, radians, is added in quadrature to the lobes' width.
-
-        A texel stands for a solid angle: a lobe much narrower than it would see either all or nothing of its light.
-        """
-        alpha = np.sqrt(alpha_ggx(self.roughness[part]) ** 2 + (0.5 * extra_angle) ** 2)  # normals turn half as far
+    def lobes(self, part: slice, brdf: str) -> ShadingPoints:
+        """Kernel input of a range of pixels."""
         metallic = self.metallic[part]
         default = brdf == "default"
         return ShadingPoints(
             np.ascontiguousarray(self.normal[part].T),
             np.ascontiguousarray(self.view[part].T),
-            np.minimum(alpha, 1.0).astype(np.float32),
+            alpha_ggx(self.roughness[part]).astype(np.float32),
             (metallic < 1).astype(np.uint8) if default else np.zeros(len(metallic), dtype=np.uint8),
             (metallic > 0).astype(np.uint8) if default else np.ones(len(metallic), dtype=np.uint8),
         )

@@ -11,7 +11,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from yesnt.errors import JobError
-from yesnt.relight.lights import PreparedLight
+from yesnt.relight.lights import Clusters
 
 F32 = NDArray[np.float32]
 I32 = NDArray[np.int32]
@@ -20,7 +20,6 @@ OPEN = np.int32(-1)
 """In a table of hits: the ray met nothing."""
 
 _LIFT = 0.02  # smallest cosine of a shadow ray: a cluster whose centre has set may still have texels above the horizon
-_SET = -0.35  # clusters lower than this hold no texel above the horizon that carries weight
 _RAYS = 1 << 19  # rays a batch: 6 MB each for origins and directions
 
 
@@ -87,21 +86,21 @@ class ProxyScene:
             return np.zeros(0, dtype=np.int32)
         return self._scene.run(np.ascontiguousarray(origins), np.ascontiguousarray(directions), query="INTERSECT")
 
-    def cluster_hits(self, origins: F32, normals: F32, light: PreparedLight) -> I32:
+    def cluster_hits(self, origins: F32, normals: F32, light: Clusters) -> I32:
         """What each point [P, 3] sees towards each light cluster: [P, C], OPEN where nothing is in the way.
 
         Clusters below a point's horizon are OPEN: they carry no light there. Those at it are lifted just above.
         """
-        count, clusters = len(origins), light.cluster_direction.shape[1]
+        count, clusters = len(origins), light.direction.shape[1]
         hits = np.full((count, clusters), OPEN, dtype=np.int32)
         step = max(1, _RAYS // clusters)
         for first in range(0, count, step):
             part = slice(first, min(first + step, count))
-            where, start, along = _rays(origins[part], normals[part], light.cluster_direction)
+            where, start, along = _rays(origins[part], normals[part], light.direction, light.reach)
             hits[part].reshape(-1)[where] = self.first_hits(start, along)
         return hits
 
-    def radiance(self, light: PreparedLight, albedo: F32, bounces: int, offset: float) -> F32:
+    def radiance(self, light: Clusters, albedo: F32, bounces: int, offset: float) -> F32:
         """Exitant radiance of every triangle [F + 1, 3] after `bounces` diffuse bounces; row -1 (OPEN) is 0.
 
         Radiosity by gathering (Cohen & Greenberg 1985) with the light's clusters as directions: no noise.
@@ -110,9 +109,9 @@ class ProxyScene:
         if bounces < 1:
             return result
         hits = self.cluster_hits(self.centres + self.normals * np.float32(offset), self.normals, light)
-        cosine = np.maximum(self.normals @ light.cluster_direction, 0)
-        direct = (cosine * (hits == OPEN)) @ light.cluster_energy.T
-        solid = cosine * light.cluster_solid_angle
+        cosine = np.maximum(self.normals @ light.direction, 0)
+        direct = (cosine * (hits == OPEN)) @ light.energy.T
+        solid = cosine * light.solid_angle
         result[:-1] = albedo / np.pi * direct
         for _ in range(bounces - 1):
             gathered = np.stack([(solid * result[hits, k]).sum(axis=1) for k in range(3)], axis=-1)
@@ -140,7 +139,7 @@ class ProxyScene:
 
 
 @njit(cache=True, error_model="numpy")
-def _rays(origins, normals, directions):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _rays(origins, normals, directions, reach):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Rays of points [P, 3] towards clusters [3, C] that are not set: flat index, origins and unit directions."""
     count, clusters = origins.shape[0], directions.shape[1]
     where = np.empty(count * clusters, dtype=np.int64)
@@ -152,7 +151,7 @@ def _rays(origins, normals, directions):  # type: ignore[no-untyped-def]  # noqa
             cosine = np.float32(0)
             for k in range(3):
                 cosine += normals[p, k] * directions[k, c]
-            if cosine < _SET:
+            if cosine < -reach[c]:
                 continue
             lift = max(np.float32(_LIFT) - cosine, np.float32(0))
             length = np.float32(0)

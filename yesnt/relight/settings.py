@@ -22,13 +22,13 @@ class RelightSettings:
         brdf: "default" matches Cycles' Principled; "paper" is the plain formula of method.md section 5.
         shadows: True: one visibility per light cluster; "single": the paper's one factor; False: none.
         method: "sum" over the map's texels; "prefiltered": irradiance and filtered specular looked up.
-        texels: rows of the light that relights; columns are twice as many.
-        capture_texels: rows of the capture light.
+        texels: directions of the light that relights, dense where it is bright.
+        capture_texels: directions of the capture light.
         clusters: visibility directions of the light that relights.
         capture_clusters: visibility directions of the capture light.
         bounce: diffuse bounces off the proxy (0: what is occluded is black).
         capture_passes: times the proxy's colour and the base colour are refined from one another.
-        lobe_width: share of a texel's angular width that widens the specular lobe: none may fall between texels.
+        edges: resolve antialiased pixels into the surfaces that they mix.
         offset: metres that shadow rays start in front of the surface (a decimated proxy lies off the true one).
         march_steps: samples of a view-space march, where there is no proxy.
         thickness: metres behind the depth buffer that still occlude in the march; 0: estimated from the matte.
@@ -39,13 +39,13 @@ class RelightSettings:
     brdf: Brdf = "default"
     shadows: Shadows = True
     method: Literal["sum", "prefiltered"] = "sum"
-    texels: int = 32
-    capture_texels: int = 16
+    texels: int = 2048
+    capture_texels: int = 512
     clusters: int = 256
     capture_clusters: int = 128
     bounce: int = 2
-    capture_passes: int = 2
-    lobe_width: float = 0.5
+    capture_passes: int = 1
+    edges: bool = True
     offset: float = 0.002
     march_steps: int = 24
     thickness: float = 0.0
@@ -62,7 +62,7 @@ class RelightSettings:
             _require(getattr(self, name) in allowed, name, getattr(self, name), f"one of {allowed}")
         for name in ("texels", "capture_texels", "clusters", "capture_clusters", "march_steps", "tile"):
             _require(getattr(self, name) >= 1, name, getattr(self, name), "at least 1")
-        for name in ("bounce", "capture_passes", "lobe_width", "offset", "thickness"):
+        for name in ("bounce", "capture_passes", "offset", "thickness"):
             _require(getattr(self, name) >= 0, name, getattr(self, name), "at least 0")
 
     @classmethod
@@ -88,13 +88,11 @@ def _require(good: bool, name: str, value: object, expected: str) -> None:
 
 QUALITIES = MappingProxyType(
     {
-        "draft": RelightSettings(
-            texels=16, capture_texels=8, clusters=48, capture_clusters=32, bounce=1, capture_passes=1
-        ),
+        "draft": RelightSettings(texels=512, capture_texels=128, clusters=64, capture_clusters=32, bounce=1),
         "standard": RelightSettings(),
-        "final": RelightSettings(texels=64, clusters=512, capture_clusters=256, bounce=3),
+        "final": RelightSettings(texels=8192, capture_texels=2048, clusters=512, capture_clusters=256, bounce=3),
         "reference": RelightSettings(
-            texels=128, capture_texels=32, clusters=1024, capture_clusters=512, bounce=4, capture_passes=3
+            texels=32768, capture_texels=8192, clusters=1024, capture_clusters=512, bounce=4, capture_passes=2
         ),
     }
 )

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from yesnt.camera import Camera
 from yesnt.relight.envmap import EnvMap
-from yesnt.relight.frame import prepare_relight, shade_pixels
+from yesnt.relight.frame import finish_edges, prepare_relight, shade_pixels
 from yesnt.relight.occlusion import find_occluders
 from yesnt.relight.points import Surface, gather_pixels
 from yesnt.relight.settings import Brdf, RelightSettings, Shadows
@@ -86,4 +86,5 @@ def shade(
     base = np.clip(np.nan_to_num(base, nan=0.0), 0, 1)
     occluders = find_occluders(surface, pixels, None, settings)
     relit = shade_pixels(base, pixels, occluders, prepare_relight(env, settings), settings)
+    relit = finish_edges(relit, pixels.image(base), surface, settings)
     return Shading(relit.diffuse, relit.specular, relit.shadow, relit.radiance)

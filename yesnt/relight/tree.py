@@ -1,0 +1,106 @@
+"""One tree over a lat-long grid: its first C leaves are light clusters, its first T leaves are texels.
+
+A leaf is split where its importance times its angular radius is largest: that product is, to first order, how much
+light crosses how wide a shadow edge when the leaf is replaced by one direction. Debevec's median cut (2005) balances
+energy alone.
+"""
+
+from __future__ import annotations
+
+import heapq
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float = NDArray[np.float64]
+Box = tuple[int, int, int, int]  # rows [a, b), columns [c, d)
+
+_EVEN_SHARE = 0.5  # of the mean luminance: what is dark still stands for bounced light, so that it keeps some leaves
+
+
+def importance(energy: Float, direction: Float, solid: Float) -> Float:
+    """Moments [h, w, 4] of importance: luminance plus an even share of the mean, and the same times the direction.
+
+    Args:
+        energy: [h, w] luminance times solid angle.
+        direction: [h, w, 3] unit.
+        solid: [h, w] sr.
+    """
+    weight = energy + (_EVEN_SHARE * energy.sum() / solid.sum() + 1e-12) * solid
+    return np.concatenate([weight[..., None], weight[..., None] * direction], axis=-1)
+
+
+def grow(moments: Float, clusters: int, texels: int) -> list[list[Box]]:
+    """Boxes of the texels of every cluster, in an order that keeps neighbours together.
+
+    With at least as many texels as cells, every cell is a texel and only the clusters are grown.
+    """
+    height, width = moments.shape[:2]
+    table = np.pad(moments.cumsum(0).cumsum(1), ((1, 0), (1, 0), (0, 0)))
+    roots = [[(0, height, 0, width)]]
+    branches = _split_all(table, roots, clusters)
+    order = sorted((branch[0] for branch in branches), key=lambda b: _morton(b[0] + b[1], b[2] + b[3]))
+    if texels >= height * width:
+        return [[(r, r + 1, c, c + 1) for r in range(a, b) for c in range(e, f)] for a, b, e, f in order]
+    return _split_all(table, [[box] for box in order], texels)
+
+
+def _split_all(table: Float, groups: list[list[Box]], count: int) -> list[list[Box]]:
+    """Splits the worst box until there are `count`; one group in: a group a leaf, else leaves stay in their groups."""
+    leaves: list[list[Box]] = [[] for _ in groups]
+    heap = [(-_error(table, box), i, box) for i, group in enumerate(groups) for box in group]
+    heapq.heapify(heap)
+    total = len(heap)
+    while heap and total < count:
+        error, i, box = heapq.heappop(heap)
+        parts = _cut(table, box) if error < 0 else []
+        if not parts:
+            leaves[i].append(box)
+            continue
+        total += 1
+        for part in parts:
+            heapq.heappush(heap, (-_error(table, part), i, part))
+    for _, i, box in heap:
+        leaves[i].append(box)
+    if len(groups) == 1:
+        return [[box] for box in leaves[0]]
+    return [sorted(group, key=lambda b: _morton(b[0] + b[1], b[2] + b[3])) for group in leaves]
+
+
+def _error(table: Float, box: Box) -> float:
+    a, b, c, d = box
+    if (b - a) * (d - c) == 1:
+        return 0.0
+    return float(_blur(table[b, d] - table[a, d] - table[b, c] + table[a, c]))
+
+
+def _blur(moment: Float) -> Float:
+    """Importance times angular radius of moments [..., 4]: the variance is 2 (w - |sum w d|) / w for small angles."""
+    weight = moment[..., 0]
+    variance = np.maximum(weight - np.sqrt(np.square(moment[..., 1:]).sum(-1)), 1e-12 * weight)
+    return np.sqrt(weight * variance)
+
+
+def _cut(table: Float, box: Box) -> list[Box]:
+    """The cut, along rows or columns, that leaves the least error; nothing for a single cell."""
+    a, b, c, d = box
+    total = table[b, d] - table[a, d] - table[b, c] + table[a, c]
+    upper = table[a + 1 : b, d] - table[a, d] - table[a + 1 : b, c] + table[a, c]
+    left = table[b, c + 1 : d] - table[a, c + 1 : d] - table[b, c] + table[a, c]
+    first = np.concatenate([upper, left])
+    if len(first) == 0:
+        return []
+    best = int(np.argmin(_blur(first) + _blur(total - first)))
+    if best < len(upper):
+        k = a + 1 + best
+        return [(a, k, c, d), (k, b, c, d)]
+    k = c + 1 + best - len(upper)
+    return [(a, b, c, k), (a, b, k, d)]
+
+
+def _morton(row: int, column: int) -> int:
+    """Interleaved bits: neighbours on the sphere stay neighbours in memory, so that culling cones are narrow."""
+    code = 0
+    for bit in range(16):
+        code |= ((row >> bit) & 1) << (2 * bit + 1) | ((column >> bit) & 1) << (2 * bit)
+    return code

@@ -8,7 +8,7 @@ from yesnt.decompose.training import Trainer, TrainingSettings, energy_score, ma
 from yesnt.decompose.weights import load_weights, save_weights
 from yesnt.errors import CorruptError, JobError
 
-TINY = NetworkShape(widths=(8, 8, 16), depth=1, condition=8, denoiser=(8, 8))
+TINY = NetworkShape(widths=(8, 8, 16), depths=(1, 1, 1), condition=8, denoiser=(8, 8))
 SETTINGS = TrainingSettings(steps=4, batch=4, crops=2, patch=32, bfloat16=False)
 
 

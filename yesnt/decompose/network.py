@@ -17,16 +17,16 @@ class NetworkShape:
 
     Attributes:
         widths: channels of the reading U-Net at 1/2, 1/4 and 1/8 of the resolution.
-        depth: residual blocks per level on the way down.
+        depths: residual blocks per level on the way down.
         condition: channels handed to the denoiser at 1/2 resolution.
         denoiser: channels of the denoiser at 1/2 and 1/4 resolution.
         smooth_planes: noise planes besides the two of the state.
     """
 
-    widths: tuple[int, int, int] = (48, 96, 128)
-    depth: int = 2
+    widths: tuple[int, int, int] = (32, 96, 160)
+    depths: tuple[int, int, int] = (1, 2, 3)
     condition: int = 48
-    denoiser: tuple[int, int] = (40, 64)
+    denoiser: tuple[int, int] = (32, 64)
     smooth_planes: int = 3
 
     def header(self) -> str:
@@ -80,11 +80,11 @@ class Reader(nn.Module):
         super().__init__()
         a, b, c = shape.widths
         self.stem = nn.Conv2d(16, a, 3, padding=1)
-        self.top = nn.ModuleList([Block(a) for _ in range(shape.depth)])
+        self.top = nn.ModuleList([Block(a) for _ in range(shape.depths[0])])
         self.down1 = nn.Conv2d(a, b, 2, stride=2)
-        self.middle = nn.ModuleList([Block(b) for _ in range(shape.depth)])
+        self.middle = nn.ModuleList([Block(b) for _ in range(shape.depths[1])])
         self.down2 = nn.Conv2d(b, c, 2, stride=2)
-        self.bottom = nn.ModuleList([Block(c) for _ in range(shape.depth + 1)])
+        self.bottom = nn.ModuleList([Block(c) for _ in range(shape.depths[2])])
         self.up2 = nn.Conv2d(c, b, 1)
         self.rise2 = Block(b)
         self.up1 = nn.Conv2d(b, a, 1)
@@ -122,7 +122,6 @@ class Denoiser(nn.Module):
         time = 4 * a
         self.time = nn.Sequential(nn.Linear(2, time), nn.SiLU(), nn.Linear(time, time), nn.SiLU())
         self.stem = nn.Conv2d(8 + shape.smooth_planes + shape.condition, a, 3, padding=1)
-        self.first = Block(a, time)
         self.down = nn.Conv2d(a, b, 2, stride=2)
         self.middle = nn.ModuleList([Block(b, time) for _ in range(2)])
         self.up = nn.Conv2d(b, a, 1)
@@ -146,7 +145,7 @@ class Denoiser(nn.Module):
         angle = time[:, None] * (torch.pi / 2)
         embedding = self.time(torch.cat([angle.sin(), angle.cos()], 1))
         inputs = torch.cat([F.pixel_unshuffle(state, 2), smooth[:, :, ::2, ::2], condition], 1)
-        top = self.first(self.stem(inputs), embedding)
+        top = self.stem(inputs)
         middle = self.down(top)
         for block in self.middle:
             middle = block(middle, embedding)

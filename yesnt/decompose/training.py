@@ -38,9 +38,9 @@ class TrainingSettings:
     """
 
     seed: int = 0
-    steps: int = 6000
+    steps: int = 4000
     batch: int = 24
-    crops: int = 6
+    crops: int = 2
     patch: int = 96
     rate: float = 1.5e-3
     ema: float = 0.998

@@ -14,7 +14,7 @@ from yesnt.decompose.synthetic.scene import draw_scene
 
 Float32 = NDArray[np.float32]
 
-CANVAS = 192
+CANVAS = 128
 """Side of a rendered picture in pixels; several patches are cropped from each."""
 
 

@@ -53,11 +53,11 @@ def draw_light(rng: np.random.Generator) -> Light:
 def _soft_box(rng: np.random.Generator, direction: Float64) -> Float64:
     """A round lamp: its share of the irradiance is drawn, so that small lamps are bright."""
     towards = _towards(rng)
-    radius = np.deg2rad(np.exp(rng.uniform(np.log(5), np.log(35))))
+    radius = np.deg2rad(np.exp(rng.uniform(np.log(4), np.log(32))))
     cosine = direction @ towards
     lamp = 0.5 + 0.5 * np.tanh((cosine - np.cos(radius)) / (0.5 * (1 - np.cos(radius))))
     irradiance = float((lamp * np.maximum(cosine, 0) * _solid_angles()).sum() / np.pi)
-    return lamp * (np.exp(rng.uniform(np.log(0.02), np.log(0.45))) / max(irradiance, 1e-3))
+    return lamp * (np.exp(rng.uniform(np.log(0.03), np.log(0.6))) / max(irradiance, 1e-3))
 
 
 def _towards(rng: np.random.Generator) -> Float64:

@@ -217,7 +217,7 @@ def _leg(body: _Body, side: float, skin: int, bottom: int) -> None:
 def _object(scene: Scene, size: int) -> None:
     rng = scene.rng
     centre = np.array([*(rng.uniform(0.1, 0.9, 2) * size), rng.normal(0, 0.1) * size])
-    reach = size * rng.uniform(0.06, 0.3)
+    reach = size * rng.uniform(0.08, 0.42)
     material = scene.paint()
     if rng.random() < 0.35:
         axes, _ = np.linalg.qr(rng.standard_normal((3, 3)))

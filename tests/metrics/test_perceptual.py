@@ -1,0 +1,70 @@
+"""Perceptual distance: laws on random weights; published ones where the extra is installed."""
+
+import numpy as np
+import pytest
+import torch
+
+from yesnt.errors import CorruptError
+from yesnt.metrics.perceptual import PerceptualNet
+
+SHAPES = ((64, 3, 11), (192, 64, 5), (384, 192, 3), (256, 384, 3), (256, 256, 3))
+NAMES = {
+    "stlpips": ("net.slice1.0", "net.slice2.5", "net.slice3.9", "net.slice4.11", "net.slice5.13"),
+    "lpips": ("net.slice1.0", "net.slice2.3", "net.slice3.6", "net.slice4.8", "net.slice5.10"),
+}
+
+
+def random_state(kind):
+    generator = torch.Generator().manual_seed(0)
+    state = {}
+    for i, (name, (out, into, size)) in enumerate(zip(NAMES[kind], SHAPES, strict=True)):
+        state[f"{name}.weight"] = torch.randn(out, into, size, size, generator=generator) / (into * size**2) ** 0.5
+        state[f"{name}.bias"] = torch.zeros(out)
+        state[f"lin{i}.model.1.weight"] = torch.rand(1, out, 1, 1, generator=generator)
+    return state
+
+
+@pytest.fixture(scope="module", params=("stlpips", "lpips"))
+def net(request):
+    made = PerceptualNet(random_state(request.param))
+    assert made.name == request.param
+    return made
+
+
+@pytest.fixture(scope="module")
+def picture():
+    return np.random.default_rng(5).random((6, 7, 3)).repeat(8, 0).repeat(8, 1)
+
+
+def test_identity_and_symmetry(net, picture):
+    other = np.clip(picture + 0.1, 0, 1)
+    assert net.distance(picture, picture) == 0
+    assert net.distance(picture, other) == pytest.approx(net.distance(other, picture), rel=1e-5)
+
+
+def test_more_noise_is_farther(net, picture):
+    noise = np.random.default_rng(6).normal(0, 1, picture.shape)
+    near, far = (net.distance(picture, np.clip(picture + s * noise, 0, 1)) for s in (0.02, 0.3))
+    assert 0 < near < far
+
+
+def test_small_pictures_are_padded(net):
+    assert net.distance(np.zeros((9, 12, 3)), np.ones((9, 12, 3))) > 0
+
+
+def test_other_weights_are_refused():
+    with pytest.raises(CorruptError, match="not LPIPS or ST-LPIPS"):
+        PerceptualNet({"conv.weight": torch.zeros(1)})
+
+
+def test_published_weights_forgive_a_shift_and_not_a_blur(picture):
+    from yesnt.evaluation.nets import open_nets
+
+    nets = open_nets(None)
+    if not nets:
+        pytest.skip("the extra yesnt[metrics] is not installed")
+    shifted, noisy = (
+        np.roll(picture, 1, 1),
+        np.clip(picture + np.random.default_rng(7).normal(0, 0.3, picture.shape), 0, 1),
+    )
+    assert nets[0].distance(picture, shifted) < 0.25 * nets[0].distance(picture, noisy)

@@ -150,7 +150,9 @@ class SparseMinimiser:
         p = self.params
         dx, dy, e = self.dx @ x, self.dy @ x, self.links @ x
         data = np.sum(self.confidence * reference.huber(self.observed - x, p.delta))
-        return data + p.lambda1 * np.sum(np.sqrt(dx**2 + dy**2 + p.eps**2)) + p.lambda2 * np.sum(self.link_weight * e**2)
+        return (
+            data + p.lambda1 * np.sum(np.sqrt(dx**2 + dy**2 + p.eps**2)) + p.lambda2 * np.sum(self.link_weight * e**2)
+        )
 
     def _step(self, x, newton):
         p, r = self.params, x - self.observed
@@ -165,10 +167,12 @@ class SparseMinimiser:
         space = p.lambda1 / tau
         gradient = slope + self.dx.T @ (space * dx) + self.dy.T @ (space * dy)
         gradient += 2 * p.lambda2 * (self.links.T @ (self.link_weight * e))
-        hessian = sp.diags(data + 1e-9) + 2 * p.lambda2 * self.links.T @ sp.diags(self.link_weight) @ self.links
+        hessian = sp.diags(data) + 2 * p.lambda2 * self.links.T @ sp.diags(self.link_weight) @ self.links
         hessian += self.dx.T @ sp.diags(space * a) @ self.dx + self.dy.T @ sp.diags(space * d) @ self.dy
         cross = self.dx.T @ sp.diags(space * b) @ self.dy
-        return -splu((hessian + cross + cross.T).tocsc()).solve(gradient)
+        hessian = hessian + cross + cross.T
+        tiny = 1e-10 * max(float(hessian.diagonal().max()), 1.0) * sp.identity(self.count)
+        return -splu((hessian + tiny).tocsc()).solve(gradient)
 
     def minimum(self, start, steps=200):
         """The smallest energy of a long run: reweighted least squares, then Newton steps that must lower F."""

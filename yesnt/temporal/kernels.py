@@ -1,4 +1,4 @@
-"""Fused kernels of the temporal energy on compact pixel lists: gradient, linear operator, diagonal, conjugate gradients.
+"""Fused kernels of the temporal energy on compact pixel lists: gradient, linear operator, conjugate gradients.
 
 Every kernel runs over groups of frames in parallel. A frame's sums are always added in the same order, whatever the
 groups, and reductions are per frame and float64, so the bits do not depend on the number of threads. No `fastmath`, for
@@ -133,23 +133,24 @@ def gradient(x, out, energies, geo, observed, confidence, params, groups):
 
 
 @njit(cache=True, parallel=True)
-def linearise(x, qx, qy, u, geo, observed, confidence, params, data, a, b, d):
-    """Weights of the Newton system at x with duals q, u (Chan, Golub, Mulet 1999, and the same for Huber's function).
+def linearise(x, duals, trust, geo, observed, confidence, params, data, a, b, d):
+    """Weights of the Newton system at x with duals (qx, qy, u) (Chan, Golub, Mulet 1999, and the same for Huber).
 
-    With q = 0, u = 0 they are the weights of iteratively reweighted least squares, which majorise F. Fills data,
-    a, b, d [N]: the spatial term's matrix at a pixel is ((a, b), (b, d)). It is positive semidefinite while |q| <= 1,
-    and the data weight is not negative while |u| <= 1. (Four arguments and not a tuple: numba drops writes to arrays
-    that a parallel function unpacks from a tuple.)
+    The duals are scaled by `trust` in [0, 1]; with 0 the weights are those of iteratively reweighted least squares,
+    which majorise F. Fills data, a, b, d [N]: the spatial term's matrix at a pixel is ((a, b), (b, d)). It is positive
+    semidefinite while |q| <= 1, and the data weight is not negative while |u| <= 1. (Four arguments and not a tuple:
+    numba drops writes to arrays that a parallel function unpacks from a tuple.)
     """
     delta, lambda1, _, eps = params
+    qx, qy, u = duals
     for t in prange(len(geo.frames) - 1):
         for p in pixels_of(t, geo):
             r = x[p] - np.float64(observed[p])
-            weight = 1.0 if abs(r) <= delta else delta * (1.0 - u[p] * math.copysign(1.0, r)) / abs(r)
+            weight = 1.0 if abs(r) <= delta else delta * (1.0 - trust * u[p] * math.copysign(1.0, r)) / abs(r)
             data[p] = confidence[p] * weight
             dx, dy = differences(p, x, geo)
             inverse = 1.0 / math.sqrt(dx * dx + dy * dy + eps * eps)
-            scale, dx, dy = lambda1 * inverse, dx * inverse, dy * inverse
+            scale, dx, dy = lambda1 * inverse, trust * dx * inverse, trust * dy * inverse
             a[p] = scale * (1.0 - qx[p] * dx)
             d[p] = scale * (1.0 - qy[p] * dy)
             b[p] = -0.5 * scale * (qx[p] * dy + qy[p] * dx)

@@ -8,6 +8,7 @@ is small. Values are float64, the linear systems float32.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import get_num_threads
@@ -20,6 +21,16 @@ from yesnt.temporal.params import EnergyParams
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
+
+
+MINIMAL_LENGTH = 1e-9
+"""Shortest step that the line search tries."""
+
+SINGLE_STIFFNESS = 2e4
+"""Stiffness from which the linear systems are solved in float64: conjugate gradients stall at stiffness x rounding."""
+
+IDLE_LIMIT = 4
+"""Outer iterations without progress of F or of the bound after which a solve stops: rounding allows no more."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +56,11 @@ class Problem:
         return p.delta, p.lambda1, p.lambda2, p.eps
 
     @property
+    def stiffness(self) -> float:
+        """Largest eigenvalue that the linear systems can have, roughly."""
+        return 8 * (self.params.lambda1 / self.params.eps + self.params.lambda2)
+
+    @property
     def box(self) -> tuple[float, float]:
         """Range of what was observed, widened by its width on both sides; see certificate.py."""
         trusted = self.observed[(self.confidence > 0) | (self.geometry.flags & FIXED > 0)]
@@ -61,8 +77,8 @@ class Limits:
 
     tolerance: float = 1e-4
     step: float = np.inf
-    outer: int = 100
-    inner: int = 200
+    outer: int = 300
+    inner: int = 400
 
 
 @dataclass
@@ -110,9 +126,12 @@ class NewtonSolver:
         self.gradient, self.scratch = np.zeros(count), np.zeros(count)
         self.per_frame = np.zeros(frames)
         self.qx, self.qy, self.u = (np.zeros(count, np.float32) for _ in range(3))
-        self.operator = tuple(np.zeros(count, np.float32) for _ in range(4))
-        self.inverse = np.zeros(count, np.float32)
-        self.z, self.r, self.p, self.ap = (np.zeros(count, np.float32) for _ in range(4))
+        self.trust = 1.0
+        kind: type[Any] = np.float32 if problem.stiffness < SINGLE_STIFFNESS else np.float64
+        self.coupling = kind(2 * problem.params.lambda2)
+        self.operator: tuple[NDArray[Any], ...] = tuple(np.zeros(count, kind) for _ in range(4))
+        vectors: list[NDArray[Any]] = [np.zeros(count, kind) for _ in range(5)]
+        self.inverse, self.z, self.r, self.p, self.ap = vectors
 
     def evaluate(self, x: Array) -> float:
         """F(x); leaves the gradient in `self.gradient`."""
@@ -137,9 +156,16 @@ class NewtonSolver:
     def newton_direction(self, x: Array, reduction: float, limit: int) -> int:
         """Solves A z = - gradient to a relative residual of `reduction`; returns the number of products."""
         problem = self.problem
-        geometry, coupling = problem.geometry, np.float32(2 * problem.params.lambda2)
+        geometry, coupling, kind = problem.geometry, self.coupling, type(self.coupling)
         kernels.linearise(
-            x, self.qx, self.qy, self.u, geometry, problem.observed, problem.confidence, problem.numbers, *self.operator
+            x,
+            (self.qx, self.qy, self.u),
+            self.trust,
+            geometry,
+            problem.observed,
+            problem.confidence,
+            problem.numbers,
+            *self.operator,
         )
         kernels.inverse_diagonal(self.inverse, geometry, self.operator, coupling, self.groups)
         frames = geometry.frames
@@ -153,39 +179,54 @@ class NewtonSolver:
             curvature = float(np.sum(self.per_frame))
             if not curvature > 0:
                 return count
-            alpha = np.float32(rho / curvature)
+            alpha = kind(rho / curvature)
             kernels.advance(alpha, self.z, self.r, self.p, self.ap, self.inverse, frames, self.per_frame)
             previous, rho = rho, float(np.sum(self.per_frame))
-            kernels.turn(np.float32(rho / previous), self.p, self.r, self.inverse)
+            kernels.turn(kind(rho / previous), self.p, self.r, self.inverse)
         return limit
 
     def step(self, state: State, limits: Limits) -> None:
         """One outer iteration: direction, step length that lowers F, duals, bound."""
         state.inner += self.newton_direction(state.x, 0.1, limits.inner)
         state.outer += 1
-        length = 1.0
-        for _ in range(30):
-            trial = state.x + length * self.z
-            energy = self.evaluate(trial)
-            if energy <= state.energy:
-                break
-            length *= 0.5
-        else:
-            trial, energy, length = state.x, self.evaluate(state.x), 0.0
-        self.z *= np.float32(length)
+        length = self.line_search(state)
+        self.trust = 1 - 0.6 * (1 - self.trust) if length == 1.0 else max(self.trust - 0.2, 0.5 * self.trust)
         problem = self.problem
         kernels.update_duals(
             state.x, self.z, self.qx, self.qy, self.u, problem.geometry, problem.observed, problem.numbers
         )
         state.step = float(np.max(np.abs(self.z), initial=0.0))
-        state.x, state.energy = trial, energy
-        state.bound = max(state.bound, self.bound(trial))
+        state.x = state.x + self.z
+        state.bound = max(state.bound, self.bound(state.x))
+
+    def line_search(self, state: State) -> float:
+        """Halves the direction until F does not rise; scales `self.z` by the length found and sets the energy."""
+        length = 1.0
+        while length > MINIMAL_LENGTH:
+            energy = self.evaluate(state.x + self.z)
+            if energy <= state.energy:
+                state.energy = energy
+                return length
+            length *= 0.5
+            self.z *= 0.5
+        self.z[:] = 0
+        state.energy = self.evaluate(state.x)
+        return 0.0
 
 
 def solve_newton(problem: Problem, start: Array, limits: Limits) -> State:
-    """Minimises F from `start` [N] until the certified gap is below the tolerance."""
+    """Minimises F from `start` [N] until the certified gap is below the tolerance, or rounding allows no more."""
     solver = NewtonSolver(problem)
     state = State(x=start, energy=solver.evaluate(start), bound=-np.inf)
+    idle = 0
     while state.outer < limits.outer and (state.gap > limits.tolerance or state.step > limits.step):
+        energy, bound = state.energy, state.bound
         solver.step(state, limits)
+        idle = (
+            idle + 1
+            if energy - state.energy <= 1e-14 * energy and state.bound <= bound + 1e-3 * (energy - bound)
+            else 0
+        )
+        if idle == IDLE_LIMIT:
+            break
     return state

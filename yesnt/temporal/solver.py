@@ -22,7 +22,7 @@ Mask = NDArray[np.bool_]
 Method = Literal["default", "adam"]
 
 METHODS: dict[str, tuple[Callable[[Problem, Array, Limits], State], int]] = {
-    "default": (solve_newton, 100),
+    "default": (solve_newton, 300),
     "adam": (solve_adam, 100),
 }
 """Name to solver and its limit on outer iterations (Adam's count ten steps each)."""

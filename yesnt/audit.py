@@ -41,7 +41,7 @@ def states(session: Session, graph: Graph | None = None) -> list[FrameState]:
     """State of every frame of every stage, in stage order."""
     graph = graph or session.graph()
     dead = session.marked_dead()
-    found = [_state(session, node, frame) for node in graph for frame in node.frames]
+    found = [_state(session, node, frame) for node in graph for frame in node.frames if not node.transient]
     found += [FrameState(stage, frame, DEAD, why) for (stage, frame), why in dead.items()]
     return found
 

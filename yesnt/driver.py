@@ -63,6 +63,11 @@ class Outcome:
         return not (self.failed or self.dead or self.blocked)
 
 
+def is_done(book: RecordBook, node: Node) -> bool:
+    """Whether every frame of a node has a record that holds its key."""
+    return all(book.done(node.stage, frame, node.frame_key(frame)) for frame in node.frames)
+
+
 class Driver:
     """Runs the nodes of a graph that have no record yet.
 
@@ -98,19 +103,22 @@ class Driver:
         self._deaths: dict[NodeId, int] = {}
         self._outcome = Outcome()
 
-    def is_done(self, node: Node) -> bool:
-        """Whether every frame of a node has a record that holds its key."""
-        return all(self._book.done(node.stage, frame, node.frame_key(frame)) for frame in node.frames)
-
     def reuse(self) -> Outcome:
-        """Takes what is done already; returns the outcome so far. Needs no cluster."""
-        for node in self._graph:
-            if self.is_done(node):
-                self._outcome.reused.append(node.id)
-                self._waiting.pop(node.id)
-        reused = set(self._outcome.reused)
+        """Takes what is done already; returns the outcome so far. Needs no cluster.
+
+        A transient node whose users are all done is done with, whether its own result is still there or not.
+        """
+        settled: set[NodeId] = set()
+        for node in reversed(list(self._graph)):
+            users = self._users[node.id]
+            served = node.transient and bool(users) and settled.issuperset(users)
+            if served or is_done(self._book, node):
+                settled.add(node.id)
+        self._outcome.reused += [node_id for node_id in self._graph.nodes if node_id in settled]
+        for node_id in settled:
+            del self._waiting[node_id]
         for node_id, needs in self._waiting.items():
-            needs -= reused
+            needs -= settled
             if not needs:
                 self._push(node_id)
         return self._outcome

@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import Any
 
 from yesnt.audit import DONE, states
+from yesnt.driver import is_done
 from yesnt.graph import Graph, Node
 from yesnt.preflight import inspect
 from yesnt.session import Session
@@ -109,25 +110,22 @@ def forecast(session: Session) -> Forecast:
 
 
 def _row(session: Session, graph: Graph, stage: str, reasons: list[str]) -> StageForecast:
-    nodes = [node for node in graph if stage_of(node.stage).name == stage]
-    todo = [node for node in nodes if not _is_done(session, node)]
+    nodes = [node for node in graph if stage_of(node.stage).name == stage and not node.transient]
+    todo = [node for node in nodes if not is_done(session.book, node)]
     cost, pixels = COSTS[stage], session.job.width * session.job.height
     measured = _measured_seconds(session, nodes)
     model = cost.seconds + cost.seconds_per_megapixel * pixels * _held(nodes) / 1e6
+    sweeps = session.plan().sweep_count if stage == "solve" else 1
     return StageForecast(
         stage,
         len(todo),
         len(nodes) - len(todo),
         _most_frequent(reasons),
-        len(todo) * (measured if measured is not None else model),
+        len(todo) * sweeps * (measured if measured is not None else model),
         measured is not None,
         cost.megabytes * 1e6 + cost.bytes_per_pixel * pixels * _held(nodes),
         sum(len(node.frames) for node in todo) * pixels * cost.disk_bytes_per_pixel,
     )
-
-
-def _is_done(session: Session, node: Node) -> bool:
-    return all(session.book.done(node.stage, frame, node.frame_key(frame)) for frame in node.frames)
 
 
 def _held(nodes: list[Node]) -> int:

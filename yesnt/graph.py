@@ -24,6 +24,7 @@ class Node:
         fields: everything that the result depends on, the keys of `needs` included.
         needs: nodes that must be done before.
         arguments: what the task is told beside the job; small.
+        transient: its result serves its users only, and is swept away once they are done.
     """
 
     stage: str
@@ -32,6 +33,7 @@ class Node:
     fields: Mapping[str, Any]
     needs: tuple[NodeId, ...] = ()
     arguments: Mapping[str, Any] = field(default_factory=dict)
+    transient: bool = False
 
     @property
     def id(self) -> NodeId:

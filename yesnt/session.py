@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field
@@ -12,7 +13,7 @@ from typing import Any
 from yesnt import settings as of
 from yesnt.chunks import plan_chunks
 from yesnt.cluster import ClusterSpec, open_cluster
-from yesnt.driver import Driver, DriverSettings, Outcome
+from yesnt.driver import Driver, DriverSettings, Outcome, is_done
 from yesnt.errors import UsageError
 from yesnt.graph import Graph, Node, NodeId
 from yesnt.io.durable import sweep_partials, write_json
@@ -137,6 +138,7 @@ class Session:
             with closing(_LazyCluster(options.cluster, tell)) as cluster:
                 while self._pass(options, result, cluster, tell):
                     pass
+            self._sweep_transients()
             result.dashboard = cluster.dashboard
         return result
 
@@ -160,6 +162,14 @@ class Session:
                 if reasons is outcome.dead:
                     self._mark_dead(node, reason)
         return bool((outcome.failed or outcome.dead) and outcome.blocked)
+
+    def _sweep_transients(self) -> None:
+        """Removes the solver's earlier sweeps once every chunk is solved: they are most of the store."""
+        graph = self.graph()
+        solved = all(is_done(self.book, node) for node in graph if node.stage == "solve")
+        for stage in {node.stage for node in graph if node.transient and solved}:
+            shutil.rmtree(self.book.folder / stage, ignore_errors=True)  # records first: no record without its frame
+            shutil.rmtree(self.output.store / stage, ignore_errors=True)
 
     def marked_dead(self) -> dict[tuple[str, int], str]:
         """Frames that killed their workers in an earlier run; `retry` takes the marks away."""

@@ -181,7 +181,8 @@ class ShotPlan:
         }
         fields = self._fields(stage, settings, {}, upstream, keys)
         needs = tuple(dict.fromkeys(self._node_of(name, frame) for name, frame in upstream))
-        return Node(stage, block.index, tuple(frames[p] for p in block.core), fields, needs, arguments)
+        core = tuple(frames[p] for p in block.core)
+        return Node(stage, block.index, core, fields, needs, arguments, transient=stage != "solve")
 
     def relight(self, frame: int, keys: Keys) -> Node:
         """One frame with the capture light taken out and the new light put in."""

@@ -7,11 +7,13 @@ is small. Values are float64, the linear systems float32.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import get_num_threads
+from numba import get_num_threads, set_num_threads
 from numpy.typing import NDArray
 
 from yesnt.temporal import kernels
@@ -28,6 +30,9 @@ MINIMAL_LENGTH = 1e-9
 
 SINGLE_STIFFNESS = 2e4
 """Stiffness from which the linear systems are solved in float64: conjugate gradients stall at stiffness x rounding."""
+
+PIXELS_PER_THREAD = 200_000
+"""Below this many matte pixels one thread does all."""
 
 IDLE_LIMIT = 4
 """Outer iterations without progress of F or of the bound after which a solve stops: rounding allows no more."""
@@ -99,6 +104,17 @@ class State:
         if difference <= 1e-15 * max(1.0, len(self.x)):
             return 0.0
         return difference / self.bound if self.bound > 0 else float("inf")
+
+
+@contextmanager
+def threads_for(geometry: Geometry) -> Iterator[None]:
+    """Runs small problems on one thread: waiting for a second one would cost more than the work. Same bits."""
+    before = get_num_threads()
+    set_num_threads(1 if geometry.pixels < PIXELS_PER_THREAD else before)
+    try:
+        yield
+    finally:
+        set_num_threads(before)
 
 
 def frame_groups(geometry: Geometry, threads: int) -> NDArray[np.int64]:

@@ -1,0 +1,157 @@
+"""Blocks with exchange equal the whole solve; halo and sweeps follow the decay formula."""
+
+import math
+
+import numpy as np
+import pytest
+
+from yesnt.blocks import chunk_blocks, row_bands
+from yesnt.temporal import (
+    Border,
+    EnergyParams,
+    border_mask,
+    halo_frames,
+    largest_change,
+    solve,
+    solve_block,
+    sweeps_needed,
+    vertical_reach,
+)
+from yesnt.temporal.blocks import decay_per_frame
+
+TOLERANCE = 1e-4
+
+
+def sweep_frames(problem, blocks, value, order=None):
+    """One sweep over the blocks as tasks do it; `value` None is sweep 0."""
+    frames = len(problem.observed)
+    result = np.zeros_like(problem.observed)
+    for block in order or blocks:
+        if value is None:
+            solution = solve_block(*problem.cut(block.outer.slice))
+            result[block.core.slice] = solution.value[block.core_in_outer]
+            continue
+        start, stop = max(0, block.outer.start - 1), min(frames, block.outer.stop + 1)
+        span = slice(start, stop)
+        shape = (stop - start, *problem.observed.shape[1:])
+        fixed = border_mask(shape, (block.outer.start - start, stop - block.outer.stop))
+        solution = solve_block(*problem.cut(span), border=Border(value[span], fixed))
+        result[block.core.slice] = solution.value[block.core.start - start : block.core.stop - start]
+    return result
+
+
+def exchange(problem, blocks, sweeps):
+    value = sweep_frames(problem, blocks, None)
+    for _ in range(sweeps):
+        new = sweep_frames(problem, blocks, value)
+        change, value = largest_change(new, value), new
+        if change < TOLERANCE:
+            break
+    return value
+
+
+@pytest.fixture(scope="module")
+def sequence(pattern):
+    return pattern(48, 32, 40)
+
+
+@pytest.mark.parametrize("weak", [False, True])
+def test_chunks_of_16_equal_the_whole_solve(sequence, weak):
+    problem = sequence
+    if weak:
+        confidence = problem.confidence.copy()
+        confidence[:, 8:24, 12:28] = 0.02
+        problem = problem.changed(confidence=confidence)
+    floor = 0.02 if weak else 0.4
+    halo = min(8, halo_frames(problem.params, floor, TOLERANCE))
+    whole = solve(*problem.arguments, tolerance=1e-7).value
+    blocks = chunk_blocks(48, 16, halo)
+    free_ends = sweep_frames(problem, blocks, None)
+    exchanged = exchange(problem, blocks, sweeps_needed(problem.params, floor, TOLERANCE, halo))
+    assert np.abs(free_ends - whole)[problem.matte].max() > TOLERANCE
+    assert np.abs(exchanged - whole)[problem.matte].max() <= TOLERANCE
+
+
+def test_the_order_of_the_blocks_changes_no_bit(sequence):
+    problem = sequence.changed(matte=sequence.matte & (np.arange(40) < 24))
+    blocks = chunk_blocks(48, 16, 2)
+    value = sweep_frames(problem, blocks, None)
+    forward = sweep_frames(problem, blocks, value)
+    np.testing.assert_array_equal(sweep_frames(problem, blocks, value, order=blocks[::-1]), forward)
+
+
+def test_row_bands_equal_the_whole_solve(pattern):
+    problem = pattern(4, 60, 40)
+    whole = solve(*problem.arguments, tolerance=1e-7).value
+    reach = vertical_reach(problem.flow, problem.validity)
+    bands = row_bands(60, 20, 8)
+    value = None
+    for _ in range(6):
+        result = np.zeros_like(problem.observed)
+        for band in bands:
+            top, bottom = max(0, band.outer.start - reach), min(60, band.outer.stop + reach)
+            rows = (band.outer.start - top, bottom - band.outer.stop)
+            fields = [a[:, top:bottom] for a in problem.arguments[:4]]
+            border = None
+            if value is not None:
+                border = Border(value[:, top:bottom], border_mask((4, bottom - top, 40), (0, 0), rows))
+            solution = solve_block(*fields, problem.params, problem.matte[:, top:bottom], border)
+            result[:, band.core.slice] = solution.value[:, band.core.start - top : band.core.stop - top]
+        done = value is not None and largest_change(result, value) < 1e-5
+        value = result
+        if done:
+            break
+    assert np.abs(value - whole)[problem.matte].max() <= TOLERANCE
+
+
+def test_fixed_pixels_keep_their_value_and_channels_share_the_border(sequence):
+    problem = sequence.changed(observed=np.stack([sequence.observed, 1 - sequence.observed]))
+    start = problem.observed + np.float32(0.1)
+    fixed = border_mask(problem.observed.shape[1:], (1, 1))
+    value = solve_block(*problem.arguments, border=Border(start, fixed)).value
+    np.testing.assert_array_equal(value[:, [0, -1]], start[:, [0, -1]])
+    assert np.abs(value - start)[:, 1:-1].max() > 0.01
+
+
+@pytest.mark.parametrize(
+    ("lambda2", "weight", "frames"), [(0.5, 1.0, 8), (0.5, 0.1, 22), (0.5, 0.02, 49), (5, 1.0, 22)]
+)
+def test_halo_follows_the_decay_formula(lambda2, weight, frames):
+    params = EnergyParams(lambda2=lambda2)
+    rho = decay_per_frame(params, weight)
+    assert rho + 1 / rho == pytest.approx(2 + weight / (2 * lambda2))
+    assert halo_frames(params, weight, 1e-3) == pytest.approx(frames, abs=1)
+
+
+def test_a_change_decays_along_a_track_as_the_formula_says():
+    """A chain of pixels in Huber's quadratic range: the influence of the last frame on the others."""
+    shape = (20, 1, 1)
+    params = EnergyParams(delta=10, lambda1=0, lambda2=0.5)
+    fields = [np.full(shape, 0.1, np.float32), np.zeros((19, 1, 1, 2), np.float32), np.ones((19, 1, 1), np.float32)]
+    observed = np.zeros(shape, np.float32)
+    observed[-1] = 1
+    value = solve(observed, *fields, params, tolerance=1e-7).value[:, 0, 0]
+    ratio = value[8] / value[9]
+    assert ratio == pytest.approx(decay_per_frame(params, 0.1), rel=0.02)
+
+
+def test_sweeps_are_none_for_a_full_halo_and_grow_with_weakness():
+    params = EnergyParams()
+    assert sweeps_needed(params, 0.4, 1e-4, halo_frames(params, 0.4, 1e-4)) == 0
+    assert sweeps_needed(params, 0.02, 1e-4, 8) > sweeps_needed(params, 0.4, 1e-4, 8) >= 1
+
+
+def test_without_data_or_with_a_senseless_tolerance_there_is_no_halo():
+    with pytest.raises(ValueError, match="no halo is long enough"):
+        halo_frames(EnergyParams(), 0.0, 1e-3)
+    with pytest.raises(ValueError, match="tolerance"):
+        halo_frames(EnergyParams(), 0.5, 2.0)
+    assert halo_frames(EnergyParams(lambda2=0.0), 0.5, 1e-3) == 0
+
+
+def test_vertical_reach_counts_valid_links_only():
+    flow = np.zeros((2, 4, 5, 2), np.float32)
+    flow[0, 1, 1, 1], flow[1, 2, 2, 1] = -3.4, 50
+    validity = np.ones((2, 4, 5), np.float32)
+    validity[1, 2, 2] = 0
+    assert vertical_reach(flow, validity) == math.ceil(3.4) + 1

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.color import LUMINANCE_REC709, luminance
-from yesnt.relight.albedo import energy_terms, multiple_scattering
+from yesnt.relight.albedo import albedo_tables, energy_terms, multiple_scattering
 from yesnt.relight.brdf import F0_DIELECTRIC
-from yesnt.relight.kernels import DIELECTRIC, IRRADIANCE, METAL_F0, METAL_F90, OPEN_LIGHT
+from yesnt.relight.kernels import DIELECTRIC, IRRADIANCE, METAL_F0, METAL_F90, OPEN_LIGHT, WHITE
 from yesnt.relight.points import Pixels
 
 F32 = NDArray[np.float32]
@@ -67,7 +67,7 @@ class Response:
 
 
 def response(sums: F32, pixels: Pixels, brdf: str) -> Response:
-    """Weights the lobe sums [P, 16] as the BRDF does.
+    """Weights the lobe sums [P, 20] as the BRDF does.
 
     `paper`: F0 = 0.04 (1 - m) + b m for one lobe. `default`: the metallic share of a metal, the rest of a dielectric
     under its own layer, each compensated for multiple scattering.
@@ -89,6 +89,22 @@ def response(sums: F32, pixels: Pixels, brdf: str) -> Response:
         terms.average.astype(np.float32),
         terms.missing.astype(np.float32),
     )
+
+
+def normalise(sums: F32, pixels: Pixels, part: slice) -> F32:
+    """Rescales each lobe so that uniform white gives its exact albedo, [P, 20].
+
+    The sum then is a mean of the light, weighted by the lobe, times a tabulated integral: a lobe narrower than the texels
+    sees the texel that it points at instead of all or nothing of it, and a white furnace stays white at any resolution.
+    """
+    tables, roughness, cos_o = albedo_tables(), pixels.roughness[part], pixels.cos_o[part]
+    white, dielectric, schlick = (
+        tables.lookup(table, roughness, cos_o) for table in (tables.white, tables.dielectric, tables.schlick)
+    )
+    exact = np.stack([np.full_like(white, np.pi), dielectric, white - schlick, schlick], axis=1)
+    found = sums[:, WHITE]
+    scale = np.where(found > 1e-20, exact / np.maximum(found, 1e-20), 0.0).astype(np.float32)
+    return np.concatenate([sums[:, :12] * np.repeat(scale, 3, axis=1), sums[:, 12:] * np.tile(scale, 2)], axis=1)
 
 
 def shadow_ratio(sums: F32, pixels: Pixels, base_color: F32, brdf: str) -> F32:

@@ -157,21 +157,21 @@ def row_solid_angles(height: int, width: int) -> NDArray[np.float64]:
     return 2 * np.pi / width * (edges[:-1] - edges[1:])
 
 
-def cell_moments(env: EnvMap, rows: int) -> NDArray[np.float64]:
-    """What a map holds in the cells of a `rows` x 2 `rows` grid, in the map's axes, energy kept exactly.
+def cell_moments(env: EnvMap, size: tuple[int, int]) -> NDArray[np.float64]:
+    """What a map holds in the cells of a grid of `size` (rows, columns), in the map's axes, energy kept exactly.
 
     Returns:
-        [rows, 2 rows, 10]: energy (radiance times solid angle, exposed) R, G, B; luminance times direction; solid
+        [rows, columns, 10]: energy (radiance times solid angle, exposed) R, G, B; luminance times direction; solid
         angle; solid angle times direction. A map with fewer rows is taken as flat within its texels. Works a row of
         cells at a time, so that an 8K map costs no more memory than itself.
     """
     radiance = env.radiance
-    repeat = [max(1, -(-size // have)) for size, have in zip((rows, 2 * rows), radiance.shape[:2], strict=True)]
+    repeat = [max(1, -(-size // have)) for size, have in zip(size, radiance.shape[:2], strict=True)]
     height, width = radiance.shape[0] * repeat[0], radiance.shape[1] * repeat[1]
-    shares = _row_shares(height, rows)
-    columns = csr_matrix(overlap(np.linspace(0, 1, width + 1), np.linspace(0, 1, 2 * rows + 1)))
+    shares = _row_shares(height, size[0])
+    columns = csr_matrix(overlap(np.linspace(0, 1, width + 1), np.linspace(0, 1, size[1] + 1)))
     solid = row_solid_angles(height, width)
-    cells = np.empty((rows, 2 * rows, 10))
+    cells = np.empty((*size, 10))
     for i, (fine, share) in enumerate(shares):
         colour = np.repeat(radiance[fine // repeat[0]], repeat[1], axis=1).astype(np.float64) * env.gain
         angle = np.broadcast_to((solid[fine] * share)[:, None, None], (*colour.shape[:2], 1))

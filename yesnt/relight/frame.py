@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.relight.combine import Response, response, shadow_ratio
+from yesnt.relight.combine import Response, normalise, response, shadow_ratio
 from yesnt.relight.edges import resolve_edges
 from yesnt.relight.envmap import EnvMap
-from yesnt.relight.kernels import sum_lobes
+from yesnt.relight.kernels import COLUMNS, sum_lobes
 from yesnt.relight.lights import PreparedLight, prepare_light
 from yesnt.relight.occlusion import Occluders, find_occluders, occlusion
 from yesnt.relight.points import Pixels, Surface, gather_pixels
@@ -18,6 +18,9 @@ from yesnt.relight.proxy import ProxyScene
 from yesnt.relight.settings import RelightSettings
 
 F32 = NDArray[np.float32]
+
+LEAST_ROWS = 32
+"""Rows that a smaller map is subdivided to: below, a hemisphere holds too few directions for one per cent."""
 
 
 @dataclass(frozen=True)
@@ -57,12 +60,17 @@ class RelitFrame:
 
 def prepare_relight(env: EnvMap, settings: RelightSettings) -> PreparedLight:
     """The light that relights, at the settings' resolution; once per process and map."""
-    return prepare_light(env, settings.texels, settings.clusters)
+    return prepare_light(env, settings.texels, settings.clusters, **_grid(settings))
 
 
 def prepare_capture(env: EnvMap, settings: RelightSettings) -> PreparedLight:
     """The light of the plate, at the settings' resolution; once per process."""
-    return prepare_light(env, settings.capture_texels, settings.capture_clusters)
+    return prepare_light(env, settings.capture_texels, settings.capture_clusters, **_grid(settings))
+
+
+def _grid(settings: RelightSettings) -> dict[str, int]:
+    """The plain formula sums a small map as it is; otherwise it is subdivided, which changes nothing but the error."""
+    return {"rows": settings.rows, "least": 1 if settings.brdf == "paper" else LEAST_ROWS}
 
 
 def relight_frame(
@@ -131,15 +139,17 @@ def finish_edges(relit: RelitFrame, guide: F32, surface: Surface, settings: Reli
 
 
 def integrate(base: F32, pixels: Pixels, occluders: Occluders, light: PreparedLight, settings: RelightSettings) -> F32:
-    """Lobe sums [P, 16] of all pixels, a tile at a time so that memory stays bounded."""
+    """Lobe sums [P, 20] of all pixels, a tile at a time so that memory stays bounded."""
     glow = None
     if occluders.proxy is not None and settings.bounce > 0:
         albedo = occluders.proxy.paint(occluders.shown, base * (1 - pixels.metallic[:, None]))
         glow = occluders.proxy.radiance(light.coarse, albedo, settings.bounce, settings.offset)
-    tiles = [np.zeros((0, 16), dtype=np.float32)]
+    tiles = [np.zeros((0, COLUMNS), dtype=np.float32)]
     for first in range(0, len(base), settings.tile):
         part = slice(first, min(first + settings.tile, len(base)))
         visible, bounced = occlusion(occluders, pixels, part, light, glow, settings)
         lobes = pixels.lobes(part, settings.brdf)
-        tiles.append(sum_lobes(lobes, light, visible, bounced))
+        plain = settings.brdf == "paper"
+        sums = sum_lobes(lobes, light, visible, bounced, filtered=not plain)
+        tiles.append(sums if plain else normalise(sums, pixels, part))
     return np.concatenate(tiles)

@@ -38,6 +38,11 @@ IRRADIANCE, DIELECTRIC, METAL_F0, METAL_F90 = slice(0, 3), slice(3, 6), slice(6,
 OPEN_LIGHT = slice(12, 16)
 """The same four sums for luminance with nothing occluded."""
 
+WHITE = slice(16, 20)
+"""The same four sums for radiance 1 from everywhere: what the texels make of an albedo that is known exactly."""
+
+COLUMNS = 20
+
 
 @dataclass(frozen=True)
 class ShadingPoints:
@@ -58,7 +63,9 @@ class ShadingPoints:
     metal: NDArray[np.uint8]
 
 
-def sum_lobes(points: ShadingPoints, light: PreparedLight, visible: F32 | None, bounce: F32 | None) -> F32:
+def sum_lobes(
+    points: ShadingPoints, light: PreparedLight, visible: F32 | None, bounce: F32 | None, filtered: bool = True
+) -> F32:
     """Integrates the light's texels over the lobes of every pixel.
 
     Args:
@@ -67,15 +74,18 @@ def sum_lobes(points: ShadingPoints, light: PreparedLight, visible: F32 | None, 
         visible: [P, C] visibility of each light cluster in [0, 1]; None: all 1.
         bounce: [3, P, C] radiance that comes from the cluster's direction instead of its light; None: 0.
 
+        filtered: widen each lobe by each texel's own size, so that none falls between texels; False: plain samples.
+
     Returns:
-        [P, 16]: irradiance, dielectric, F0 and F90 parts of the metallic lobe (RGB each), then four open luminances.
+        [P, 20]: irradiance, dielectric, F0 and F90 parts of the metallic lobe (RGB each), then the four sums of the open
+        luminance and of uniform white.
     """
     count = points.alpha.shape[0]
-    out = np.zeros((count, 16), dtype=np.float32)
+    out = np.zeros((count, COLUMNS), dtype=np.float32)
     if count:
         empty = np.zeros((0, 0), dtype=np.float32)
         glow = np.zeros((3, 0, 0), dtype=np.float32) if bounce is None else bounce
-        widen = np.float32(0.25) * light.spread  # half vectors turn half as far as the light
+        widen = light.spread if filtered else np.zeros_like(light.spread)
         weights = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)
         _sum_lobes(
             (points.normal, points.view, points.alpha, points.dielectric, points.metal),
@@ -163,13 +173,14 @@ def _frame(nx, ny, nz, vx, vy, vz, frame):  # type: ignore[no-untyped-def]  # no
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def _dielectric_lobe(p, frame, alpha, light, visible, bounce, lit, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    direction, energy, luminance, cone, widen = light[0], light[1], light[2], light[5], light[6]
+    direction, energy, luminance, solid = light[0], light[1], light[2], light[3]
+    cone, widen = light[5], light[6]
     nx, ny, nz, tx, ty, tz = frame[0], frame[1], frame[2], frame[3], frame[4], frame[5]
     bx, by, bz, nv, tv = frame[6], frame[7], frame[8], frame[9], frame[10]
     a2 = alpha * alpha
     rest = _ONE - a2
     smith_o = math.sqrt(nv * nv * rest + a2)
-    e0 = e1 = e2 = s0 = s1 = s2 = eu = su = _ZERO
+    e0 = e1 = e2 = s0 = s1 = s2 = eu = su = ew = sw = _ZERO
     dx, dy, dz = direction[0], direction[1], direction[2]
     for block in range(cone.shape[1]):
         if cone[0, block] * nx + cone[1, block] * ny + cone[2, block] * nz <= -cone[3, block]:
@@ -195,24 +206,27 @@ def _dielectric_lobe(p, frame, alpha, light, visible, bounce, lit, out):  # type
             e1 += nl * g[t]
             e2 += nl * b[t]
             eu += nl * luminance[t]
+            ew += nl * solid[t]
             s0 += w * r[t]
             s1 += w * g[t]
             s2 += w * b[t]
             su += w * luminance[t]
+            sw += w * solid[t]
     scale = _INV_2PI
-    out[0], out[1], out[2], out[12] = e0, e1, e2, eu
-    out[3], out[4], out[5], out[13] = scale * s0, scale * s1, scale * s2, scale * su
+    out[0], out[1], out[2], out[12], out[16] = e0, e1, e2, eu, ew
+    out[3], out[4], out[5], out[13], out[17] = scale * s0, scale * s1, scale * s2, scale * su, scale * sw
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def _metal_lobe(p, frame, alpha, light, visible, bounce, lit, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    direction, energy, luminance, cone, widen = light[0], light[1], light[2], light[5], light[6]
+    direction, energy, luminance, solid = light[0], light[1], light[2], light[3]
+    cone, widen = light[5], light[6]
     nx, ny, nz, tx, ty, tz = frame[0], frame[1], frame[2], frame[3], frame[4], frame[5]
     bx, by, bz, nv, tv = frame[6], frame[7], frame[8], frame[9], frame[10]
     a2 = alpha * alpha
     rest = _ONE - a2
     smith_o = math.sqrt(nv * nv * rest + a2)
-    e0 = e1 = e2 = s0 = s1 = s2 = f0 = f1 = f2 = eu = su = fu = _ZERO
+    e0 = e1 = e2 = s0 = s1 = s2 = f0 = f1 = f2 = eu = su = fu = ew = sw = fw = _ZERO
     dx, dy, dz = direction[0], direction[1], direction[2]
     for block in range(cone.shape[1]):
         if cone[0, block] * nx + cone[1, block] * ny + cone[2, block] * nz <= -cone[3, block]:
@@ -239,15 +253,18 @@ def _metal_lobe(p, frame, alpha, light, visible, bounce, lit, out):  # type: ign
             e1 += nl * g[t]
             e2 += nl * b[t]
             eu += nl * luminance[t]
+            ew += nl * solid[t]
             s0 += low * r[t]
             s1 += low * g[t]
             s2 += low * b[t]
             su += low * luminance[t]
+            sw += low * solid[t]
             f0 += high * r[t]
             f1 += high * g[t]
             f2 += high * b[t]
             fu += high * luminance[t]
+            fw += high * solid[t]
     scale = _INV_2PI
-    out[0], out[1], out[2], out[12] = e0, e1, e2, eu
-    out[6], out[7], out[8], out[14] = scale * s0, scale * s1, scale * s2, scale * su
-    out[9], out[10], out[11], out[15] = scale * f0, scale * f1, scale * f2, scale * fu
+    out[0], out[1], out[2], out[12], out[16] = e0, e1, e2, eu, ew
+    out[6], out[7], out[8], out[14], out[18] = scale * s0, scale * s1, scale * s2, scale * su, scale * sw
+    out[9], out[10], out[11], out[15], out[19] = scale * f0, scale * f1, scale * f2, scale * fu, scale * fw

@@ -67,13 +67,18 @@ class PreparedLight:
     env: EnvMap
 
 
-def prepare_light(env: EnvMap, texels: int, clusters: int, rows: int = GRID_ROWS) -> PreparedLight:
-    """Cuts a map into `clusters` and these into `texels`, on a grid of `rows` x 2 `rows` cells.
+def prepare_light(env: EnvMap, texels: int, clusters: int, rows: int = GRID_ROWS, least: int = 1) -> PreparedLight:
+    """Cuts a map into `clusters` and these into `texels`, on a grid of at most `rows` x 2 `rows` cells.
 
-    `texels` >= 2 rows^2 is the plain grid. The sum of `energy` equals the map's to rounding at any setting. Pure: the
+    A map of no more rows is cut along its own texels; one of fewer than `least` rows is first subdivided. With enough
+    `texels` every cell is one. The sum of `energy` equals the map's to rounding at any setting. Pure: the
     same map gives the same bits.
     """
-    moments = cell_moments(env, rows)
+    size = tuple(
+        min(most, max(have, k * least))
+        for k, most, have in zip((1, 2), (rows, 2 * rows), env.radiance.shape[:2], strict=True)
+    )
+    moments = cell_moments(env, size)
     lit = _direction(moments)
     weights = importance(np.asarray(luminance(moments[..., :3]), dtype=np.float64), lit, moments[..., 6])
     boxes = grow(weights, clusters, texels)
@@ -85,7 +90,9 @@ def prepare_light(env: EnvMap, texels: int, clusters: int, rows: int = GRID_ROWS
         direction=_columns(world),
         energy=_columns(sums[:, :3]),
         solid_angle=sums[:, 6].astype(np.float32),
-        spread=_spread(sums, np.pi / rows).astype(np.float32),
+        spread=_spread(sums, np.array([(b - a) * (d - c) for group in boxes for a, b, c, d in group])).astype(
+            np.float32
+        ),
         cluster_of=np.repeat(np.arange(len(sizes)), sizes).astype(np.int32),
         clusters=_clusters(np.add.reduceat(sums, starts, axis=0), env),
         coarse=_clusters(_box_sums(moments, _outer(weights, min(clusters, COARSE))), env),
@@ -123,12 +130,12 @@ def _direction(moments: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(length > 1e-30, chosen / np.maximum(length, 1e-30), np.array([0.0, 0.0, 1.0]))
 
 
-def _spread(sums: NDArray[np.float64], cell: float) -> NDArray[np.float64]:
-    """Angular variance of a texel's light: 2 (1 - |mean direction|), plus that of a cell of the grid."""
+def _spread(sums: NDArray[np.float64], cells: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Angular variance of a texel's light: 2 (1 - |mean direction|), plus that of a square cell of its size."""
     light = luminance(sums[:, :3])
     weight, moment = np.where(light > 1e-30, light, sums[:, 6]), sums[:, 3:6]
     moment = np.where(light[:, None] > 1e-30, moment, sums[:, 7:10])
-    return 2 * np.clip(1 - np.linalg.norm(moment, axis=1) / weight, 0, 1) + cell**2 / 6
+    return 2 * np.clip(1 - np.linalg.norm(moment, axis=1) / weight, 0, 1) + sums[:, 6] / cells / 6
 
 
 def _columns(values: NDArray[np.float64]) -> F32:

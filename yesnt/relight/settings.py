@@ -24,6 +24,7 @@ class RelightSettings:
         method: "sum" over the map's texels; "prefiltered": irradiance and filtered specular looked up.
         texels: directions of the light that relights, dense where it is bright.
         capture_texels: directions of the capture light.
+        rows: rows of the finest grid that texels are cut from.
         clusters: visibility directions of the light that relights.
         capture_clusters: visibility directions of the capture light.
         bounce: diffuse bounces off the proxy (0: what is occluded is black).
@@ -41,6 +42,7 @@ class RelightSettings:
     method: Literal["sum", "prefiltered"] = "sum"
     texels: int = 2048
     capture_texels: int = 512
+    rows: int = 128
     clusters: int = 256
     capture_clusters: int = 128
     bounce: int = 2
@@ -60,7 +62,7 @@ class RelightSettings:
         )
         for name, allowed in choices:
             _require(getattr(self, name) in allowed, name, getattr(self, name), f"one of {allowed}")
-        for name in ("texels", "capture_texels", "clusters", "capture_clusters", "march_steps", "tile"):
+        for name in ("texels", "rows", "capture_texels", "clusters", "capture_clusters", "march_steps", "tile"):
             _require(getattr(self, name) >= 1, name, getattr(self, name), "at least 1")
         for name in ("bounce", "capture_passes", "offset", "thickness"):
             _require(getattr(self, name) >= 0, name, getattr(self, name), "at least 0")
@@ -92,7 +94,13 @@ QUALITIES = MappingProxyType(
         "standard": RelightSettings(),
         "final": RelightSettings(texels=8192, capture_texels=2048, clusters=512, capture_clusters=256, bounce=3),
         "reference": RelightSettings(
-            texels=32768, capture_texels=8192, clusters=1024, capture_clusters=512, bounce=4, capture_passes=2
+            texels=131072,
+            rows=256,
+            capture_texels=8192,
+            clusters=1024,
+            capture_clusters=512,
+            bounce=4,
+            capture_passes=2,
         ),
     }
 )

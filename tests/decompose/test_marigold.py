@@ -15,49 +15,23 @@ from yesnt.errors import JobError
 PATCH = 32
 
 
-def tiny_checkpoint(folder):
-    """A random checkpoint of Marigold-IID's true layout: two targets of four latent channels, factor 8."""
+@pytest.fixture(scope="module")
+def checkpoint(tmp_path_factory, tiny_stable_diffusion):
+    pytest.importorskip("diffusers")
+    folder = tmp_path_factory.mktemp("marigold")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        diffusers = pytest.importorskip("diffusers")
-        transformers = pytest.importorskip("transformers")
-        vocabulary = folder / "vocabulary"
-        vocabulary.mkdir(parents=True)
-        words = {"<|startoftext|>": 0, "<|endoftext|>": 1, "a</w>": 2, "a": 3}
-        (vocabulary / "vocab.json").write_text(json.dumps(words))
-        (vocabulary / "merges.txt").write_text("#version: 0.2\n")
-        files = (str(vocabulary / "vocab.json"), str(vocabulary / "merges.txt"))
-        tokenizer = transformers.CLIPTokenizer(*files, model_max_length=8)
-        torch.manual_seed(0)
-        text = transformers.CLIPTextModel(
-            transformers.CLIPTextConfig(
-                vocab_size=4, hidden_size=8, intermediate_size=8, num_hidden_layers=1, num_attention_heads=2,
-                max_position_embeddings=8, bos_token_id=0, eos_token_id=1, pad_token_id=1,
-            )
-        )  # fmt: skip
-        unet = diffusers.UNet2DConditionModel(
-            sample_size=4, in_channels=12, out_channels=8, block_out_channels=(8, 8), layers_per_block=1,
-            down_block_types=("CrossAttnDownBlock2D", "DownBlock2D"), norm_num_groups=4,
-            up_block_types=("UpBlock2D", "CrossAttnUpBlock2D"),
-            cross_attention_dim=8, attention_head_dim=4,
-        )  # fmt: skip
-        vae = diffusers.AutoencoderKL(
-            block_out_channels=(4, 4, 4, 4), norm_num_groups=2, latent_channels=4, layers_per_block=1,
-            down_block_types=("DownEncoderBlock2D",) * 4, up_block_types=("UpDecoderBlock2D",) * 4,
-        )  # fmt: skip
-        pipeline = diffusers.MarigoldIntrinsicsPipeline(
-            unet=unet, vae=vae, scheduler=diffusers.DDIMScheduler(), text_encoder=text, tokenizer=tokenizer,
-            prediction_type="intrinsics", target_properties={"target_names": ["albedo", "material"]},
-            default_denoising_steps=2, default_processing_resolution=PATCH,
-        )  # fmt: skip
-        pipeline.save_pretrained(folder / "checkpoint", safe_serialization=True)
+        import diffusers
+
+        parts = tiny_stable_diffusion(folder, targets=2)
+        diffusers.MarigoldIntrinsicsPipeline(
+            **parts,
+            prediction_type="intrinsics",
+            target_properties={"target_names": ["albedo", "material"]},
+            default_denoising_steps=2,
+            default_processing_resolution=PATCH,
+        ).save_pretrained(folder / "checkpoint", safe_serialization=True)
     return folder / "checkpoint"
-
-
-@pytest.fixture(scope="module")
-def checkpoint(tmp_path_factory):
-    pytest.importorskip("diffusers")
-    return tiny_checkpoint(tmp_path_factory.mktemp("marigold"))
 
 
 @pytest.mark.filterwarnings("ignore")

@@ -2,13 +2,12 @@ import sys
 
 import pytest
 
-from yesnt.decompose import registry
-from yesnt.decompose.backend import Licence
+from yesnt.decompose import latents, registry
 from yesnt.errors import JobError, MissingPartError
 
 
 def test_unknown_backend_lists_the_known():
-    with pytest.raises(JobError, match="embedded, marigold"):
+    with pytest.raises(JobError, match="embedded, marigold, rgbx"):
         registry.open_backend("magic")
 
 
@@ -17,19 +16,23 @@ def test_large_backend_without_weights_says_where_they_are_published():
         registry.open_backend("marigold")
 
 
-def test_non_commercial_licence_needs_consent_by_name(fake, monkeypatch):
-    class Restricted(fake):
-        licence = Licence("Some-NC-1.0", commercial=False)
-
-    monkeypatch.setitem(registry._OPENERS, "restricted", lambda folder: Restricted())
-    with pytest.raises(JobError, match=r"--accept-license 'Some-NC-1\.0'"):
-        registry.open_backend("restricted")
-    assert registry.open_backend("restricted", accepted_licences=["Some-NC-1.0"]).name == "fake"
+def test_non_commercial_licence_needs_consent_by_name_before_anything_is_read(tmp_path):
+    with pytest.raises(JobError, match=r"--accept-license 'Adobe-Research'"):
+        registry.open_backend("rgbx", tmp_path)
+    with pytest.raises(JobError, match=r"zheng95z/rgb-to-x"):
+        registry.open_backend("rgbx", tmp_path, accepted_licences=["Adobe-Research"])
 
 
-def test_missing_package_names_the_extra(tmp_path, monkeypatch):
-    from yesnt.decompose import marigold
+def test_entries_state_the_licence_that_the_backend_carries():
+    from yesnt.decompose.embedded import EmbeddedBackend
+    from yesnt.decompose.marigold import MarigoldBackend
+    from yesnt.decompose.rgbx import RgbxBackend
 
+    for backend in (EmbeddedBackend, MarigoldBackend, RgbxBackend):
+        assert registry._ENTRIES[backend.name].licence == backend.licence
+
+
+def test_missing_package_names_backend_and_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "diffusers", None)
-    with pytest.raises(MissingPartError, match=r"yesnt\[diffusers\]"):
-        marigold._load(tmp_path)
+    with pytest.raises(MissingPartError, match=r"rgbx.*yesnt\[diffusers\]"):
+        latents.diffusers_for("rgbx")

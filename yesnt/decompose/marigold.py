@@ -6,28 +6,14 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from torch.nn import functional as F
 
 from yesnt.decompose.backend import Licence
 from yesnt.decompose.checkpoint import Published
-from yesnt.errors import JobError, MissingPartError
-
-_WEIGHTS = ("diffusion_pytorch_model.safetensors", "diffusion_pytorch_model.fp16.safetensors")
+from yesnt.decompose.latents import STABLE_DIFFUSION_FILES, default_device, diffusers_for, latent_noise, local_only
+from yesnt.errors import JobError
 
 MARIGOLD = Published(
-    "Marigold-IID appearance",
-    "prs-eth/marigold-iid-appearance-v1-1 (Hugging Face)",
-    (
-        "model_index.json",
-        "scheduler/scheduler_config.json",
-        "unet/config.json",
-        tuple(f"unet/{name}" for name in _WEIGHTS),
-        "vae/config.json",
-        tuple(f"vae/{name}" for name in _WEIGHTS),
-        "text_encoder/config.json",
-        ("text_encoder/model.safetensors", "text_encoder/model.fp16.safetensors"),
-        "tokenizer/tokenizer_config.json",
-    ),
+    "Marigold-IID appearance", "prs-eth/marigold-iid-appearance-v1-1 (Hugging Face)", STABLE_DIFFUSION_FILES
 )
 """What the folder must hold."""
 
@@ -56,7 +42,7 @@ class MarigoldBackend:
     def __init__(self, folder: Path, steps: int | None = None, patch: int | None = None) -> None:
         MARIGOLD.check(folder)
         self._pipeline = _load(folder)
-        self._device = "cuda" if torch.cuda.is_available() else "cpu"
+        self._device = default_device()
         self._pipeline.to(self._device)
         self._target = _material_target(self._pipeline, folder)
         self.align = int(self._pipeline.vae_scale_factor)
@@ -78,8 +64,7 @@ class MarigoldBackend:
     def sample(self, condition: torch.Tensor, noise: torch.Tensor) -> torch.Tensor:
         """Denoises the latents of all targets, decodes the material."""
         pipeline = self._pipeline
-        # The mean of a k x k block of white noise has variance 1 / k^2; origins are aligned, so neighbours agree.
-        latent = F.avg_pool2d(noise.to(condition), self.align) * self.align
+        latent = latent_noise(noise.to(condition), self.align)
         pipeline.scheduler.set_timesteps(self.evaluations, device=latent.device)
         for time in pipeline.scheduler.timesteps:
             predicted = pipeline.unet(
@@ -93,19 +78,7 @@ class MarigoldBackend:
 
 
 def _load(folder: Path) -> Any:
-    try:
-        from diffusers import MarigoldIntrinsicsPipeline
-    except ImportError as error:
-        raise MissingPartError(
-            "the marigold backend needs diffusers",
-            "decompose.backend",
-            "diffusers and transformers installed",
-            "pip install 'yesnt[diffusers]'",
-        ) from error
-    half = not (folder / "unet" / _WEIGHTS[0]).is_file()
-    pipeline = MarigoldIntrinsicsPipeline.from_pretrained(
-        folder, local_files_only=True, use_safetensors=True, variant="fp16" if half else None
-    )
+    pipeline = diffusers_for("marigold").MarigoldIntrinsicsPipeline.from_pretrained(folder, **local_only(folder))
     pipeline.set_progress_bar_config(disable=True)
     return pipeline
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
+from dataclasses import dataclass
 from pathlib import Path
 
-from yesnt.decompose.backend import Backend
+from yesnt.decompose.backend import Backend, Licence
+from yesnt.decompose.checkpoint import Published
 from yesnt.errors import JobError
 
 
@@ -18,19 +20,42 @@ def _embedded(folder: Path | None) -> Backend:
 def _marigold(folder: Path | None) -> Backend:
     from yesnt.decompose.marigold import MARIGOLD, MarigoldBackend
 
+    return MarigoldBackend(_given(folder, "marigold", MARIGOLD))
+
+
+def _rgbx(folder: Path | None) -> Backend:
+    from yesnt.decompose.rgbx import RGBX, RgbxBackend
+
+    return RgbxBackend(_given(folder, "rgbx", RGBX))
+
+
+def _given(folder: Path | None, name: str, published: Published) -> Path:
+    """The folder, which a backend without weights of its own must be given."""
     if folder is None:
         raise JobError(
-            "the marigold backend has no weights of its own",
+            f"the {name} backend has no weights of its own",
             "decompose.weights",
             "a local folder",
-            f"download {MARIGOLD.source} and name its folder",
+            f"download {published.source} and name its folder",
         )
-    return MarigoldBackend(folder)
+    return folder
 
 
-_OPENERS: dict[str, Callable[[Path | None], Backend]] = {"embedded": _embedded, "marigold": _marigold}
+@dataclass(frozen=True)
+class _Entry:
+    """A backend before it is opened: its licence is judged before gigabytes are read."""
 
-BACKENDS = tuple(_OPENERS)
+    licence: Licence
+    open: Callable[[Path | None], Backend]
+
+
+_ENTRIES = {
+    "embedded": _Entry(Licence("Apache-2.0", commercial=True), _embedded),
+    "marigold": _Entry(Licence("OpenRAIL++-M", commercial=True), _marigold),
+    "rgbx": _Entry(Licence("Adobe-Research", commercial=False), _rgbx),
+}
+
+BACKENDS = tuple(_ENTRIES)
 """Names that a job may use."""
 
 
@@ -46,15 +71,14 @@ def open_backend(name: str, weights: Path | None = None, accepted_licences: Coll
         JobError: unknown name, absent files, or a licence that forbids commercial use and was not accepted.
         MissingPartError: an optional package is not installed.
     """
-    if name not in _OPENERS:
+    if name not in _ENTRIES:
         raise JobError(
             f"there is no backend {name!r}",
             "decompose.backend",
             f"one of {', '.join(BACKENDS)}",
             "correct the job file",
         )
-    backend = _OPENERS[name](weights)
-    licence = backend.licence
+    licence = _ENTRIES[name].licence
     if not licence.commercial and licence.name not in accepted_licences:
         raise JobError(
             f"the weights of {name} are under {licence.name}, which forbids commercial use",
@@ -62,4 +86,4 @@ def open_backend(name: str, weights: Path | None = None, accepted_licences: Coll
             "a licence that allows it, or your consent",
             f"if your use is non-commercial, pass --accept-license '{licence.name}'",
         )
-    return backend
+    return _ENTRIES[name].open(weights)

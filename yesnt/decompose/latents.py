@@ -1,0 +1,68 @@
+"""What latent-diffusion backends share: published layout, noise at latent resolution, the optional package."""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch.nn import functional as F
+
+from yesnt.errors import MissingPartError
+
+_MODEL = "diffusion_pytorch_model"
+_TEXT = "model"
+
+STABLE_DIFFUSION_FILES: tuple[str | tuple[str, ...], ...] = (
+    "model_index.json",
+    "scheduler/scheduler_config.json",
+    "unet/config.json",
+    (f"unet/{_MODEL}.safetensors", f"unet/{_MODEL}.fp16.safetensors"),
+    "vae/config.json",
+    (f"vae/{_MODEL}.safetensors", f"vae/{_MODEL}.fp16.safetensors"),
+    "text_encoder/config.json",
+    (f"text_encoder/{_TEXT}.safetensors", f"text_encoder/{_TEXT}.fp16.safetensors"),
+    "tokenizer/tokenizer_config.json",
+)
+"""Files of a Stable Diffusion checkpoint as diffusers saves it."""
+
+
+def diffusers_for(backend: str) -> Any:
+    """The diffusers package.
+
+    Raises:
+        MissingPartError: it is not installed; names the backend and the extra.
+    """
+    try:
+        return importlib.import_module("diffusers")
+    except ImportError as error:
+        raise MissingPartError(
+            f"the {backend} backend needs diffusers",
+            "decompose.backend",
+            "diffusers and transformers installed",
+            "pip install 'yesnt[diffusers]'",
+        ) from error
+
+
+def precision_of(folder: Path) -> str | None:
+    """The `variant` that a checkpoint is stored in: None (full) or "fp16"."""
+    return None if (folder / "unet" / f"{_MODEL}.safetensors").is_file() else "fp16"
+
+
+def local_only(folder: Path) -> dict[str, Any]:
+    """Arguments of `from_pretrained` that keep it off the network and off pickles."""
+    return {"local_files_only": True, "use_safetensors": True, "variant": precision_of(folder)}
+
+
+def latent_noise(noise: torch.Tensor, factor: int) -> torch.Tensor:
+    """White noise at 1/factor of the resolution, N(0, 1): block means times the factor.
+
+    Patch origins are multiples of the factor, so neighbouring patches see the same values where they overlap.
+    """
+    return F.avg_pool2d(noise, factor) * factor
+
+
+def default_device() -> str:
+    """CUDA where there is one."""
+    return "cuda" if torch.cuda.is_available() else "cpu"

@@ -1,0 +1,92 @@
+"""RGB-X (Zeng et al. 2024), the RGB to X model, through diffusers' parts; weights for non-commercial use only."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from yesnt.decompose.backend import Licence
+from yesnt.decompose.checkpoint import Published
+from yesnt.decompose.latents import STABLE_DIFFUSION_FILES, default_device, diffusers_for, latent_noise, local_only
+
+RGBX = Published("RGB to X", "zheng95z/rgb-to-x (Hugging Face)", STABLE_DIFFUSION_FILES)
+"""What the folder must hold."""
+
+_PROMPTS = ("Roughness", "Metallicness")
+
+
+class RgbxBackend:
+    """One denoising run per quantity, chosen by prompt; takes linear colour, gives the first channel.
+
+    Args:
+        folder: local checkpoint; nothing is ever downloaded.
+        steps: denoising steps of each quantity.
+        patch: side of a patch; the authors feed pictures of about 1000 pixels.
+
+    Raises:
+        MissingPartError: diffusers or transformers is not installed.
+        JobError: a file is absent.
+    """
+
+    name = "rgbx"
+    licence = Licence("Adobe-Research", commercial=False)
+    batch = 1
+
+    def __init__(self, folder: Path, steps: int = 50, patch: int = 768) -> None:
+        RGBX.check(folder)
+        self._device = default_device()
+        diffusers, options = diffusers_for(self.name), local_only(folder)
+        self._unet = diffusers.UNet2DConditionModel.from_pretrained(folder, subfolder="unet", **options)
+        self._vae = diffusers.AutoencoderKL.from_pretrained(folder, subfolder="vae", **options)
+        for model in (self._unet, self._vae):
+            model.to(self._device).requires_grad_(False)
+        # The authors override the stored schedule: zero terminal SNR, trailing steps.
+        stored = diffusers.DDIMScheduler.load_config(folder, subfolder="scheduler", local_files_only=True)
+        self._scheduler = diffusers.DDIMScheduler.from_config(
+            stored, rescale_betas_zero_snr=True, timestep_spacing="trailing"
+        )
+        self._texts = [_embedding(folder, prompt, options).to(self._device) for prompt in _PROMPTS]
+        self._steps = steps
+        self.align = 2 ** (len(self._vae.config.block_out_channels) - 1)
+        self.patch = patch
+        self.evaluations = steps * len(_PROMPTS)
+        self.version = f"1-{steps}-{patch}"
+        self.noise_sigmas = (0.0,) * (int(self._unet.config.out_channels) * len(_PROMPTS))
+        self.weights_digest = RGBX.digest(folder)
+
+    @torch.no_grad()
+    def encode(self, rgb: torch.Tensor, matte: torch.Tensor) -> torch.Tensor:
+        """[1, 3, P, P] to the picture's latent [1, 4, P/8, P/8]."""
+        linear = 2 * rgb.to(self._device, self._vae.dtype).clamp(0, 1) - 1
+        latent: torch.Tensor = self._vae.encode(linear).latent_dist.mode() * self._vae.config.scaling_factor
+        return latent
+
+    @torch.no_grad()
+    def sample(self, condition: torch.Tensor, noise: torch.Tensor) -> torch.Tensor:
+        """Both quantities, each from noise of its own."""
+        latents = latent_noise(noise.to(condition), self.align).chunk(len(_PROMPTS), 1)
+        planes = [self._run(condition, latent, text) for latent, text in zip(latents, self._texts, strict=True)]
+        return torch.cat(planes, 1).float()
+
+    def _run(self, condition: torch.Tensor, latent: torch.Tensor, text: torch.Tensor) -> torch.Tensor:
+        self._scheduler.set_timesteps(self._steps, device=latent.device)
+        for time in self._scheduler.timesteps:
+            both = torch.cat([self._scheduler.scale_model_input(latent, time), condition], 1)
+            predicted = self._unet(both, time, encoder_hidden_states=text, return_dict=False)[0]
+            latent = self._scheduler.step(predicted, time, latent, return_dict=False)[0]
+        decoded: torch.Tensor = self._vae.decode(latent / self._vae.config.scaling_factor, return_dict=False)[0]
+        return (0.5 + 0.5 * decoded[:, :1]).clamp(0, 1)
+
+
+@torch.no_grad()
+def _embedding(folder: Path, prompt: str, options: dict[str, Any]) -> torch.Tensor:
+    """Text features of a prompt padded to the encoder's length."""
+    from transformers import CLIPTextModel, CLIPTokenizer
+
+    tokenizer = CLIPTokenizer.from_pretrained(folder, subfolder="tokenizer", local_files_only=True)
+    encoder = CLIPTextModel.from_pretrained(folder, subfolder="text_encoder", **options)
+    tokens = tokenizer(prompt, padding="max_length", truncation=True, return_tensors="pt").input_ids
+    embedding: torch.Tensor = encoder(tokens)[0]
+    return embedding

@@ -17,7 +17,7 @@ LAYERS = (
     ("graph", "settings", "chunks", "stages", "workspace", "solve_task", "tasks"),
     ("workflows",),
     ("cluster", "driver", "preflight", "session", "audit", "forecast", "doctor", "evaluation"),
-    ("report", "trade", "cli"),
+    ("report", "trade", "cli", "__main__"),
 )
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
 FORBIDDEN_IN_KERNELS = {"dask", "distributed", "zarr", "OpenImageIO", "OpenEXR"}

@@ -1,7 +1,8 @@
 """Named points at which a test may kill the process, to prove that a kill there costs nothing but work in flight.
 
-`YESNT_FAULT="store.before_rename:3"` kills the process with SIGKILL the third time that it reaches that point. With the
-variable unset a point costs one dictionary look-up.
+`YESNT_FAULT="record.before_commit:3:/tmp/token"` kills with SIGKILL the first process that reaches that point for the
+third time and manages to remove the token, so that of several workers one dies, once. With the variable unset a point
+costs one look-up in the environment.
 """
 
 from __future__ import annotations
@@ -11,17 +12,21 @@ import signal
 from collections import Counter
 
 _VARIABLE = "YESNT_FAULT"
-_reached: Counter[str] = Counter()  # per process, so that ":N" can mean "the N-th time here"
+_reached: Counter[str] = Counter()  # per process, so that ":3" can mean "the third time here"
 
 
 def fault_point(name: str) -> None:
-    """Kills this process if `YESNT_FAULT` names this point and it has been reached often enough."""
+    """Kills this process if `YESNT_FAULT` names this point, it was reached often enough, and the token was there."""
     asked = os.environ.get(_VARIABLE)
     if not asked:
         return
-    point, _, count = asked.partition(":")
+    point, count, token = asked.split(":", 2)
     if point != name:
         return
     _reached[name] += 1
-    if _reached[name] == int(count or 1):
+    if _reached[name] >= int(count):
+        try:
+            os.unlink(token)
+        except FileNotFoundError:
+            return
         os.kill(os.getpid(), signal.SIGKILL)

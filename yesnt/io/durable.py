@@ -25,7 +25,7 @@ def durable_path(path: Path) -> Iterator[Path]:
     try:
         yield temporary
         sync_file(temporary)
-        fault_point(f"{path.suffix.lstrip('.')}.before_rename")
+        fault_point(f"{path.suffix.lstrip('.') or 'shard'}.before_rename")  # shards are the files without a suffix
         os.replace(temporary, path)
         sync_folder(path.parent)
     except BaseException:

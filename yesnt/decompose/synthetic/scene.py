@@ -12,7 +12,7 @@ from yesnt.decompose.synthetic.shapes import GeometryBuffer
 
 Float64 = NDArray[np.float64]
 
-_CLOTH = ("woven", "knit", "denim", "satin", "leather")
+_CLOTH = ("woven", "woven", "woven", "woven", "knit", "knit", "denim", "denim", "satin", "leather")
 _BAND = ("leather", "brushed metal", "polished metal", "woven", "rubber", "plastic", "worn metal", "knit")
 _FITTING = ("polished metal", "brushed metal", "plastic", "worn metal", "ceramic")
 _SHOE = ("leather", "leather", "rubber", "woven", "plastic")

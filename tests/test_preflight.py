@@ -111,7 +111,8 @@ def test_extra_frames_may_be_ignored_by_name(tmp_path: Path) -> None:
         ("relight", {"brdf": "phong"}, "brdf"),
         ("temporal", {"knobs": {"lambda1": -1.0}}, r"lambda1.*key temporal\.knobs"),
         ("flow", {"knobs": {"methid": "dis-fast"}}, "Unknown knob 'methid'"),
-        ("decompose", {"backend": "magic"}, "No backend 'magic'"),
+        ("decompose", {"backend": "magic"}, "there is no backend 'magic'"),
+        ("decompose", {"backend": "rgbx", "weights": "/"}, "forbids commercial use.*--accept-license"),
     ],
 )
 def test_wrong_knobs_are_refused_by_name(tmp_path: Path, section: str, value: dict, message: str) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from yesnt import settings as of
 from yesnt.camera import Camera
-from yesnt.decompose.catalogue import BackendIdentity, identify_backend
+from yesnt.decompose.identity import BackendIdentity, identify_backend
 from yesnt.errors import JobError
 from yesnt.io import capture
 from yesnt.io.exr import read_header
@@ -41,8 +41,12 @@ class Resolved:
     backend: BackendIdentity | None
 
 
-def resolve(path: str | Path) -> Resolved:
+def resolve(path: str | Path, accept_license: tuple[str, ...] = ()) -> Resolved:
     """Reads the job file and hashes every input.
+
+    Args:
+        path: the job file or its folder.
+        accept_license: licences that the user accepts beside those that the job names.
 
     Raises:
         JobError: the job file is wrong, or a file is missing.
@@ -50,7 +54,7 @@ def resolve(path: str | Path) -> Resolved:
     file = Path(path).absolute()
     if file.is_dir():
         file = file / "shot.yaml"
-    shot = load_shot(file)
+    shot = _accepting(load_shot(file), accept_license)
     root = str(file.parent)
     frames = parse_frames(shot.frames, f"{file}, key frames")
     camera = Camera.open(frame_path(root, shot.camera, 0))
@@ -60,11 +64,17 @@ def resolve(path: str | Path) -> Resolved:
     _check_knobs(shot)
     backend = None
     if shot.decompose.path is None:
-        backend = identify_backend(shot.decompose.backend, shot.decompose.weights)
+        chosen = shot.decompose
+        backend = identify_backend(chosen.backend, chosen.weights, chosen.accept_license)
     paths = sorted({str(p) for p in _input_files(job)})
     with ThreadPoolExecutor(READERS) as pool:
         digests = dict(zip(paths, pool.map(lambda p: capture.file_digest(Path(p)), paths), strict=True))
     return Resolved(job, digests, backend)
+
+
+def _accepting(shot: Shot, licences: tuple[str, ...]) -> Shot:
+    decompose = shot.decompose.model_copy(update={"accept_license": (*shot.decompose.accept_license, *licences)})
+    return shot.model_copy(update={"decompose": decompose})
 
 
 def inspect(resolved: Resolved) -> list[str]:

@@ -73,10 +73,11 @@ class Session:
 
     Args:
         path: the job file or its folder.
+        accept_license: licences that the user accepts beside those that the job names.
     """
 
-    def __init__(self, path: str | Path) -> None:
-        self.resolved: Resolved = resolve(path)
+    def __init__(self, path: str | Path, accept_license: tuple[str, ...] = ()) -> None:
+        self.resolved: Resolved = resolve(path, accept_license)
         self.job = self.resolved.job
         self.output = OutputFolder.of(self.job)
         self.book = RecordBook(self.output.records)

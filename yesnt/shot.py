@@ -46,7 +46,7 @@ class LightInput(_Part):
 
     path: str
     convention: Literal["blender", "opengl", "mitsuba"] = "blender"
-    rotation: tuple[float, float, float] = Field((0.0, 0.0, 0.0), strict=False)
+    rotation: Annotated[tuple[float, float, float], Field(strict=False)] = (0.0, 0.0, 0.0)
     exposure: Annotated[float, Field(ge=-32, le=32)] = 0.0
 
 
@@ -63,6 +63,7 @@ class DecomposeInput(_Part):
     samples: Annotated[int, Field(ge=1, le=1024)] = 8
     path: str | None = None
     weights: str | None = None
+    accept_license: Annotated[tuple[str, ...], Field(strict=False)] = ()
     knobs: dict[str, Knob] = Field(default_factory=dict)
 
 

@@ -16,7 +16,7 @@ from typing import Any
 from yesnt import settings as of
 from yesnt.blocks import Block, chunk_blocks
 from yesnt.chunks import ChunkPlan
-from yesnt.decompose.catalogue import BackendIdentity
+from yesnt.decompose.identity import BackendIdentity
 from yesnt.graph import Node
 from yesnt.io.jobfile import frame_path
 from yesnt.io.records import key_of
@@ -128,7 +128,7 @@ class ShotPlan:
     @cached_property
     def job_digest(self) -> str:
         """Hash of the job's settings; the EXR headers carry it."""
-        return key_of(self.job.shot.model_dump(mode="json", exclude={"output"}))
+        return key_of(self.job.shot.model_dump(mode="json", exclude={"output": True, "decompose": {"accept_license"}}))
 
     def decompose(self, frame: int) -> Node:
         """Members of one frame, their mean and spread."""

@@ -49,7 +49,8 @@ def decompose(space: Workspace) -> None:
     from yesnt.decompose.ensemble import estimate_frame
 
     plate = capture.read_plate(job, frame)
-    backend = _backend(job.shot.decompose.backend, job.shot.decompose.weights)
+    chosen = job.shot.decompose
+    backend = _backend(chosen.backend, chosen.weights, chosen.accept_license)
     with space.kernel():
         estimate = estimate_frame(
             plate.color, plate.matte, backend, of.ensemble_settings(job.shot), job.shot.seed, frame
@@ -190,11 +191,13 @@ def _camera(path: str) -> Camera:
 
 
 @lru_cache(maxsize=1)
-def _backend(name: str, weights: str | None) -> Backend:
+def _backend(name: str, weights: str | None, accepted: tuple[str, ...]) -> Backend:
     """The model stays in the worker: loading it costs more than a frame."""
-    from yesnt.decompose.catalogue import open_backend
+    from pathlib import Path
 
-    return open_backend(name, weights)
+    from yesnt.decompose.registry import open_backend
+
+    return open_backend(name, Path(weights).expanduser() if weights else None, accepted)
 
 
 def _env(space: Workspace, spec: LightInput | None, role: str) -> EnvMap:

@@ -32,13 +32,15 @@ def run(
     cluster: ClusterOption = "local",
     frames: FramesOption = None,
     until: Annotated[str | None, typer.Option(metavar="STAGE", help="stop after this stage")] = None,
+    accept_license: Annotated[list[str] | None, typer.Option(metavar="NAME", help="a non-commercial licence")] = None,
     json: JsonOption = False,
 ) -> int:
     """Run a shot; what is done already is not done again."""
     from yesnt.cluster import ClusterSpec
     from yesnt.session import RunOptions, Session
 
-    return _drive(Session(shot), RunOptions(frames, until, ClusterSpec(cluster, workers)), json)
+    session = Session(shot, tuple(accept_license or ()))
+    return _drive(session, RunOptions(frames, until, ClusterSpec(cluster, workers)), json)
 
 
 @app.command()

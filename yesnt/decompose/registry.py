@@ -71,6 +71,16 @@ def open_backend(name: str, weights: Path | None = None, accepted_licences: Coll
         JobError: unknown name, absent files, or a licence that forbids commercial use and was not accepted.
         MissingPartError: an optional package is not installed.
     """
+    check_licence(name, accepted_licences)
+    return _ENTRIES[name].open(weights)
+
+
+def check_licence(name: str, accepted_licences: Collection[str]) -> None:
+    """Refuses what must not be opened; reads no file.
+
+    Raises:
+        JobError: unknown name, or a licence that forbids commercial use and was not accepted.
+    """
     if name not in _ENTRIES:
         raise JobError(
             f"there is no backend {name!r}",
@@ -86,4 +96,3 @@ def open_backend(name: str, weights: Path | None = None, accepted_licences: Coll
             "a licence that allows it, or your consent",
             f"if your use is non-commercial, pass --accept-license '{licence.name}'",
         )
-    return _ENTRIES[name].open(weights)

@@ -1,0 +1,1 @@
+"""Scripts that run in the Python that has `anny`; they import nothing of yesnt."""

@@ -1,0 +1,1 @@
+"""Scripts that run in Blender's Python; they import `bpy` and nothing of yesnt."""

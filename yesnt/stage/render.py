@@ -1,0 +1,209 @@
+"""Runs a render job: Blender as a subprocess, then the pictures of a shot in the contract's form."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from yesnt.errors import CorruptError
+from yesnt.io.durable import write_bytes, write_json
+from yesnt.io.exr import write_exr
+from yesnt.stage import develop
+from yesnt.stage.jobs import CAPTURE, SETS, RenderJob
+from yesnt.stage.maps import map_path
+from yesnt.stage.subjects import prepare
+from yesnt.stage.tools import Tools, run_blender
+
+PROXY_TRIANGLES = 4500
+_RECORDS = "stage"
+
+
+@dataclass(frozen=True)
+class Receipt:
+    """What a job left behind.
+
+    Attributes:
+        key: of the job.
+        folder: of its shot.
+        files: path below the folder -> sha256.
+        seconds: that the attempt which finished took.
+        rendered: pictures that this call rendered; 0 where all were there.
+    """
+
+    key: str
+    folder: str
+    files: Mapping[str, str]
+    seconds: float
+    rendered: int
+
+
+def shot_folder(job: RenderJob, out_dir: Path) -> Path:
+    """Where a job's shot lies: `out_dir/SET/SUBJECT`, and `out_dir/SET-small/SUBJECT` for the small ones."""
+    return Path(out_dir) / (f"{job.set_name}-small" if _is_small(job) else job.set_name) / job.subject
+
+
+def find_receipt(job: RenderJob, out_dir: Path) -> Receipt | None:
+    """The record of a finished job whose files are all there with their digests, else None."""
+    folder = shot_folder(job, out_dir)
+    try:
+        data = json.loads(_record_path(job, folder).read_text())
+        whole = all(_digest(folder / name) == digest for name, digest in data["files"].items())
+    except (OSError, ValueError, KeyError):
+        return None
+    return Receipt(job.key, str(folder), data["files"], data["seconds"], 0) if whole else None
+
+
+def render(job: RenderJob, out_dir: Path, tools: Tools) -> Receipt:
+    """Makes the files of a job; idempotent and resumable, safe to be killed at any moment.
+
+    Args:
+        job: what to render.
+        out_dir: root of all sets.
+        tools: Blender, anny, cache.
+
+    Returns:
+        The record, which is also on disk: a second call returns at once.
+
+    Raises:
+        MissingPartError: Blender, anny or an asset cannot be had.
+        YesntError: Blender failed.
+    """
+    done = find_receipt(job, out_dir)
+    if done is not None:
+        return done
+    start = time.perf_counter()
+    folder = shot_folder(job, out_dir)
+    raw = folder / _RECORDS / f"raw-{job.key[:16]}"
+    for path in (raw, folder / "env", folder / "truth"):
+        path.mkdir(parents=True, exist_ok=True)
+    missing = [item for item in _renders(job, raw, tools) if not _is_whole(Path(item["out"]))]
+    if missing:
+        run_blender(tools, _request(job, missing, raw, tools), raw)
+    files = [name for frame in job.frames for name in _develop(job, frame, raw, folder)]
+    digests = {name: _digest(folder / name) for name in sorted([*files, *_static_files(job, folder, tools)])}
+    receipt = Receipt(job.key, str(folder), digests, time.perf_counter() - start, len(missing))
+    record = {"key": job.key, "job": job.to_json(), "files": digests, "seconds": receipt.seconds}
+    write_json(_record_path(job, folder), record)
+    shutil.rmtree(raw)
+    return receipt
+
+
+def _record_path(job: RenderJob, folder: Path) -> Path:
+    return folder / _RECORDS / f"{job.key[:32]}.json"
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _renders(job: RenderJob, raw: Path, tools: Tools) -> list[dict[str, Any]]:
+    """What Blender is to write, frame by frame so that its scene stays loaded from light to light."""
+    out: list[dict[str, Any]] = []
+    for frame in job.frames:
+        if CAPTURE in job.lights:
+            out.append({"what": "geometry", "frame": frame, "out": str(raw / f"geometry.{frame}.exr")})
+            out.append({"what": "proxy", "frame": frame, "out": str(raw / f"proxy.{frame}.ply")})
+        out += [
+            {"what": "light", "frame": frame, "env": str(map_path(n, tools)), "out": str(raw / f"{n}.{frame}.exr")}
+            for n in job.lights
+        ]
+    return out
+
+
+def _is_whole(path: Path) -> bool:
+    """A raw picture is renamed when Blender has closed it; one that does not decode all the same is made again."""
+    if not path.exists():
+        return False
+    try:
+        return path.suffix != ".exr" or bool(develop.read_passes(path))
+    except CorruptError:
+        return False
+
+
+def _request(job: RenderJob, renders: list[dict[str, Any]], raw: Path, tools: Tools) -> dict[str, Any]:
+    """The request of `inside_blender/main.py`; one frame more on either side, for the motion vectors."""
+    frames = range(job.frames[0] - 1, job.frames[-1] + 2)
+    subject = prepare(job.subject, [job.seconds(f) for f in frames], tools, raw)
+    return {
+        "subject": {**subject, "start": SETS[job.set_name].frames[0]},
+        "width": job.width, "height": job.height, "fx": job.focal,
+        "samples": job.samples, "threads": tools.threads, "proxy_triangles": PROXY_TRIANGLES,
+        "frames": [
+            {"frame": f, "shape": i, "world_from_camera": job.pose(f).tolist()} for i, f in enumerate(frames)
+        ],
+        "renders": renders,
+    }  # fmt: skip
+
+
+def _develop(job: RenderJob, frame: int, raw: Path, folder: Path) -> list[str]:
+    """Writes one frame's files; returns their names."""
+    made: dict[str, dict[str, Any]] = {}
+    for light in job.lights:
+        lit = develop.read_passes(raw / f"{light}.{frame}.exr")
+        if light != CAPTURE:
+            made[f"truth/relit_{light}.{frame}.exr"] = develop.picture(lit)
+            continue
+        points = develop.read_passes(raw / f"geometry.{frame}.exr")
+        made[f"plate.{frame}.exr"] = develop.picture(lit)
+        made[f"gbuffer.{frame}.exr"] = develop.geometry(points, lit)
+        made[f"truth/material.{frame}.exr"] = develop.materials(lit)
+        if SETS[job.set_name].moving:
+            made[f"truth/flow.{frame}.exr"] = develop.flow(points, lit)
+    for name, channels in made.items():
+        write_exr(folder / name, channels)
+    if CAPTURE not in job.lights:
+        return list(made)
+    write_bytes(folder / f"proxy.{frame}.ply", (raw / f"proxy.{frame}.ply").read_bytes())
+    return [*made, f"proxy.{frame}.ply"]
+
+
+def _static_files(job: RenderJob, folder: Path, tools: Tools) -> list[str]:
+    """Camera, lights and shot.yaml: the same bytes whichever job of the shot writes them."""
+    for light in job.lights:
+        write_bytes(folder / "env" / f"{light}.exr", map_path(light, tools).read_bytes())
+    frames = shot_frames(job)
+    camera = {
+        "width": job.width, "height": job.height, "fx": job.focal, "fy": job.focal,
+        "cx": job.width / 2, "cy": job.height / 2,
+        "frames": {str(f): {"world_from_camera": job.pose(f).ravel().tolist()} for f in frames},
+    }  # fmt: skip
+    write_json(folder / "camera.json", camera)
+    write_bytes(folder / "shot.yaml", shot_yaml(job).encode())
+    return [*(f"env/{light}.exr" for light in job.lights), "camera.json", "shot.yaml"]
+
+
+def shot_frames(job: RenderJob) -> range:
+    """All frames of the shot that a job belongs to (of a small set: of the job)."""
+    first, last = SETS[job.set_name].frames
+    return range(job.frames[0], job.frames[-1] + 1) if _is_small(job) else range(first, last + 1)
+
+
+def _is_small(job: RenderJob) -> bool:
+    return job.height != SETS[job.set_name].height
+
+
+def shot_yaml(job: RenderJob) -> str:
+    """The job file of the shot, lit by its first truth light (contract.md)."""
+    frames = shot_frames(job)
+    light = next((name for name in job.lights if name != CAPTURE), CAPTURE)
+    return (
+        "version: 1\n"
+        f"name: {job.subject}\n"
+        f"frames: {frames[0]}-{frames[-1]}\n"
+        "plate:   {path: plate.####.exr, colorspace: lin_rec709}\n"
+        "gbuffer: {path: gbuffer.####.exr, z: depth.Z, normal: N, normal_space: world}\n"
+        "camera:  camera.json\n"
+        "proxy:   {path: proxy.####.ply}\n"
+        f"light:   {{path: env/{light}.exr, convention: blender, rotation: [0, 0, 0], exposure: 0}}\n"
+        f"capture_light: {{path: env/{CAPTURE}.exr}}\n"
+        "decompose: {backend: embedded, samples: 4}\n"
+        "quality: standard\n"
+        "seed: 0\n"
+        "output:  out\n"
+    )

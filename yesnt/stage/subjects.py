@@ -1,0 +1,173 @@
+"""Who stands on the stage: humans, painted shapes and fetched models, each turned into plain data for Blender."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from yesnt.io.durable import durable_path
+from yesnt.stage import coats_for_shapes, motions, outfits, shapes, wardrobe
+from yesnt.stage.assets import fetch
+from yesnt.stage.paint import Coat, coat_to_json, fields_of
+from yesnt.stage.pose import Body, skin
+from yesnt.stage.tools import Tools, run_anny
+
+
+@dataclass(frozen=True)
+class Human:
+    """A person of the parametric model, dressed and moving.
+
+    Attributes:
+        phenotype: anny's shape numbers, each 0..1.
+        coat: name of a function of `outfits`.
+        motion: name of a function of `motions`.
+        height: metres that the camera's picture shows from top to bottom.
+        middle: height of the picture's middle above the ground, metres.
+    """
+
+    phenotype: tuple[tuple[str, float], ...]
+    coat: str
+    motion: str
+    height: float = 2.1
+    middle: float = 0.93
+
+    def coat_layers(self) -> Coat:
+        """What it wears."""
+        layers: Coat = getattr(outfits, self.coat)()
+        return layers
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A surface of `shapes`, painted with a coat of `coats_for_shapes`."""
+
+    build: str
+    coat: str
+    height: float = 1.25
+    middle: float = 0.5
+
+    def coat_layers(self) -> Coat:
+        """What it is painted with."""
+        layers: Coat = getattr(coats_for_shapes, self.coat)()
+        return layers
+
+
+@dataclass(frozen=True)
+class Model:
+    """A fetched glTF file with its own textures.
+
+    Attributes:
+        asset: name in the manifest.
+        size: metres, the diameter of the ball that holds it after scaling.
+        turn: Euler angles in radians, about x, y, z in turn.
+        action: name of the animation that plays, None: none.
+        roughness: a range that replaces the file's, as a mottle.
+        smooth: rounds a model that was made of flat facets.
+        height: as for `Human`.
+        middle: as for `Human`.
+    """
+
+    asset: str
+    size: float = 1.0
+    turn: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    action: str | None = None
+    roughness: tuple[float, float] | None = None
+    smooth: bool = False
+    height: float = 1.25
+    middle: float = 0.5
+
+
+Subject = Human | Shape | Model
+
+
+def _person(**phenotype: float) -> tuple[tuple[str, float], ...]:
+    return tuple(sorted(phenotype.items()))
+
+
+_WALKER = _person(gender=0.35, age=0.62, muscle=0.62, weight=0.42, height=0.55, proportions=0.8)
+_BOXER = _person(gender=0.0, age=0.66, muscle=0.9, weight=0.6, height=0.6, proportions=0.7)
+_DANCER = _person(gender=1.0, age=0.6, muscle=0.5, weight=0.35, height=0.45, proportions=0.9)
+_ELDER = _person(gender=0.1, age=0.95, muscle=0.35, weight=0.75, height=0.5, proportions=0.4)
+
+SUBJECTS: Mapping[str, Subject] = MappingProxyType({
+    "walk": Human(_WALKER, "explorer", "walk_and_sweep"),
+    "boxer": Human(_BOXER, "athlete", "box", height=2.25),
+    "dancer": Human(_DANCER, "performer", "turn_and_wave", height=2.3, middle=1.0),
+    "fox": Model("fox", 1.25, (0.0, 0.0, -1.0), "Run", (0.4, 0.75), True, height=1.25, middle=0.36),
+    "fox_still": Model("fox", 1.2, (0.0, 0.0, -0.7), "Survey", (0.6, 1.0), True, height=1.25, middle=0.36),
+    "athlete": Human(_BOXER, "athlete", "guard"),
+    "courtier": Human(_ELDER, "courtier", "greet"),
+    "controller_touch": Model("oculus-touch", 1.1, (0.6, 0.0, 0.7)),
+    "controller_index": Model("valve-index", 1.1, (0.5, 0.0, -0.6)),
+    "controller_reverb": Model("hp-mixed-reality", 1.1, (0.6, 0.0, 0.4)),
+    "controller_vive": Model("htc-vive", 1.1, (0.8, 0.0, 2.6)),
+    "drape": Shape("drape", "brocade", middle=0.42),
+    "knot": Shape("knot", "worn_metal", middle=0.5),
+    "vase": Shape("vase", "glaze", middle=0.5),
+})  # fmt: skip
+"""Every subject by name; `walk` is the embedded shot and stands in no set that is evaluated."""
+
+
+def describe(name: str) -> dict[str, Any]:
+    """Everything that decides what a subject looks like, for keys."""
+    subject = SUBJECTS[name]
+    out: dict[str, Any] = {"kind": type(subject).__name__, **subject.__dict__}
+    if not isinstance(subject, Model):
+        out["layers"] = coat_to_json(subject.coat_layers())
+    return out
+
+
+def prepare(name: str, seconds: Sequence[float], tools: Tools, work: Path) -> dict[str, Any]:
+    """Fetches or builds a subject for the moments asked; returns what `inside_blender/subjects.py` reads."""
+    subject = SUBJECTS[name]
+    if isinstance(subject, Model):
+        path = fetch(subject.asset, Path(tools.cache))
+        return {
+            "kind": "gltf", "path": str(path), "size": subject.size, "turn": list(subject.turn),
+            "action": subject.action, "roughness": subject.roughness, "smooth": subject.smooth,
+            "hang": None if subject.action else subject.middle,
+        }  # fmt: skip
+    coat = subject.coat_layers()
+    archive = work / "subject.npz"
+    if isinstance(subject, Human):
+        arrays = _human_arrays(subject, coat, seconds, tools, work)
+    else:
+        arrays = _shape_arrays(subject, coat)
+    with durable_path(archive) as temporary, temporary.open("wb") as stream:
+        np.savez(stream, **arrays)
+    return {"kind": "mesh", "archive": str(archive), "coat": coat_to_json(coat), "subdivision": 1}
+
+
+def _human_arrays(human: Human, coat: Coat, seconds: Sequence[float], tools: Tools, work: Path) -> dict[str, Any]:
+    body = Body.open(_rest_body(human, tools, work))
+    dressed = wardrobe.dress(body, coat)
+    motion: motions.Motion = getattr(motions, human.motion)
+    posed = np.stack([skin(body, motion(body, moment), dressed.vertices) for moment in seconds])
+    return _arrays(posed, body.faces, dressed.fields, coat)
+
+
+def _shape_arrays(shape: Shape, coat: Coat) -> dict[str, Any]:
+    vertices, faces, fields = getattr(shapes, shape.build)()
+    return _arrays(vertices[None], faces, fields, coat)
+
+
+def _arrays(posed: Any, faces: Any, fields: Mapping[str, Any], coat: Coat) -> dict[str, Any]:
+    rest = np.stack([fields[axis] for axis in "xyz"], axis=-1).astype(np.float32)
+    asked = {f"field_{name}": fields[name].astype(np.float32) for name in fields_of(coat)}
+    return {"vertices": posed.astype(np.float32), "faces": faces, "rest": rest, **asked}
+
+
+def _rest_body(human: Human, tools: Tools, work: Path) -> Path:
+    key = hashlib.sha256(json.dumps(human.phenotype).encode()).hexdigest()[:16]
+    path = Path(tools.cache) / "bodies" / f"{key}.npz"
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        run_anny(tools, [{"out": str(path), "phenotype": dict(human.phenotype)}], work)
+    return path

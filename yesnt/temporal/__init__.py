@@ -10,20 +10,32 @@ from yesnt.temporal.blocks import (
     vertical_reach,
 )
 from yesnt.temporal.flow import FlowSettings, flow_and_validity
+from yesnt.temporal.outliers import (
+    OUTLIER_HALO,
+    OutlierReport,
+    OutlierSettings,
+    consistent_members,
+    robust_confidence,
+)
 from yesnt.temporal.params import EnergyParams, Solution, SolveStats
 from yesnt.temporal.solver import energy, solve
 
 __all__ = [
+    "OUTLIER_HALO",
     "Border",
     "EnergyParams",
     "FlowSettings",
+    "OutlierReport",
+    "OutlierSettings",
     "Solution",
     "SolveStats",
     "border_mask",
+    "consistent_members",
     "energy",
     "flow_and_validity",
     "halo_frames",
     "largest_change",
+    "robust_confidence",
     "solve",
     "solve_block",
     "sweeps_needed",

@@ -22,20 +22,21 @@ FlowMethod = Literal["dis-fast", "dis-medium", "dis-quality", "deepflow"]
 
 @dataclass(frozen=True)
 class FlowSettings:
-    """How flow is found and trusted.
+    """How flow is found and trusted; the defaults were chosen on data, see docs/temporal.md.
 
     Attributes:
         method: cheapest first: dis-fast, dis-medium, dis-quality (finest scale 0, 25 gradient steps, 10 variational
-            iterations), deepflow. Figures in docs/temporal.md.
-        relative: how much of |f|^2 + |b|^2 the squared forward-backward error may be, as in method.md.
-        absolute: plus this much, pixels^2.
-        soft: False gives V in {0, 1}; True lets V fall linearly in error / allowed from 1 at 0.5 to 0 at 2.
+            iterations), deepflow.
+        relative: how much of |f|^2 + |b|^2 the squared forward-backward error may be.
+        absolute: plus this much, pixels^2. method.md's own pair is (0.01, 0.5): it rejects much good flow.
+        photometric: sRGB difference at which validity falls to 1/e; infinite: colour is not compared and validity is
+            0 or 1.
     """
 
     method: FlowMethod = "dis-quality"
-    relative: float = 0.01
-    absolute: float = 0.5
-    soft: bool = False
+    relative: float = 0.05
+    absolute: float = 2.0
+    photometric: float = 0.1
 
 
 def flow_and_validity(
@@ -57,7 +58,8 @@ def flow_and_validity(
     grey_t, grey_t1 = encode_grey(rgb_t, mask_t), encode_grey(rgb_t1, mask_t1)
     forward = dense_flow(grey_t, grey_t1, settings.method)
     backward = dense_flow(grey_t1, grey_t, settings.method)
-    return forward, consistency(forward, backward, mask_t, mask_t1, settings)
+    validity = consistency(forward, backward, mask_t, mask_t1, settings)
+    return forward, validity * photometric_weight(forward, rgb_t, rgb_t1, mask_t, mask_t1, settings.photometric)
 
 
 def encode_grey(rgb: Single, mask: Mask) -> NDArray[np.uint8]:
@@ -85,7 +87,7 @@ def dense_flow(grey_t: NDArray[np.uint8], grey_t1: NDArray[np.uint8], method: Fl
 
 
 def consistency(forward: Single, backward: Single, mask_t: Mask, mask_t1: Mask, settings: FlowSettings) -> Single:
-    """Validity [H, W] from forward-backward consistency.
+    """Validity [H, W] in {0, 1} from forward-backward consistency; `backward` is the flow of frame t+1 to t.
 
     A point is consistent where |f + b(p + f)|^2 <= relative (|f|^2 + |b|^2) + absolute (method.md section 4; after
     Sundaram et al. 2010), sampled over matte pixels as the warp of the energy does.
@@ -93,9 +95,32 @@ def consistency(forward: Single, backward: Single, mask_t: Mask, mask_t1: Mask, 
     sampled, valid = sample_next(backward, forward, mask_t, mask_t1)
     error = np.sum((forward + sampled) ** 2, axis=-1)
     allowed = settings.relative * np.sum(forward**2 + sampled**2, axis=-1) + settings.absolute
-    if not settings.soft:
-        return (valid & (error <= allowed)).astype(np.float32)
-    return np.where(valid, np.clip((2.0 - error / allowed) / 1.5, 0.0, 1.0), 0.0).astype(np.float32)
+    return (valid & (error <= allowed)).astype(np.float32)
+
+
+def photometric_weight(
+    forward: Single, rgb_t: Single, rgb_t1: Single, mask_t: Mask, mask_t1: Mask, scale: float
+) -> Single:
+    """Weight [H, W] in [0, 1] from the colour that the flow leads to: exp(-(d / scale)^2).
+
+    d is the largest sRGB difference of the three channels between p in frame t and p + f in t+1, averaged over 3 x 3
+    pixels. Occlusions and lost limbs change colour far more often than they break forward-backward consistency.
+    """
+    if np.isinf(scale):
+        return np.ones(mask_t.shape, np.float32)
+    here, following = (srgb_encode(rgb).astype(np.float32) for rgb in (rgb_t, rgb_t1))
+    sampled, valid = sample_next(following, forward, mask_t, mask_t1)
+    difference = np.where(valid, np.abs(sampled - here).max(axis=-1), 0.0)
+    return np.exp(-((box_mean(difference, valid, 3) / scale) ** 2)).astype(np.float32) * valid
+
+
+def box_mean(image: NDArray[Any], mask: Mask, size: int) -> Single:
+    """Mean of the masked pixels of `image` [H, W] in a box of `size`; 0 where there is none."""
+    import cv2
+
+    total = cv2.boxFilter((image * mask).astype(np.float32), -1, (size, size), normalize=False)
+    count = cv2.boxFilter(mask.astype(np.float32), -1, (size, size), normalize=False)
+    return np.where(count > 0, total / np.maximum(count, 1.0), 0.0).astype(np.float32)
 
 
 def sample_next(image: Single, flow: Single, mask_t: Mask, mask_t1: Mask) -> tuple[Single, Mask]:

@@ -1,0 +1,102 @@
+"""Flow: its sign, its methods, what fills the background, and when it is trusted."""
+
+import numpy as np
+import pytest
+
+from yesnt.temporal import FlowSettings, flow_and_validity
+from yesnt.temporal.flow import consistency, dense_flow, encode_grey, photometric_weight, sample_next
+
+METHODS = ("dis-fast", "dis-medium", "dis-quality", "deepflow")
+RIGHT, DOWN = 3.0, 1.5
+
+
+def texture(x, y):
+    """Linear colour [..., 3] that is smooth, so that it can be sampled anywhere."""
+    waves = [0.5 + 0.25 * np.sin(x / a + c) + 0.25 * np.cos(y / b - c) for a, b, c in ((3, 4, 0), (5, 3, 1), (4, 6, 2))]
+    return np.stack(waves, -1).astype(np.float32) ** 2
+
+
+def moving_disc(height=96, width=120):
+    """Two frames of a disc that moves right and down over nothing; mattes with them."""
+    y, x = np.mgrid[0:height, 0:width].astype(np.float64)
+    frames, mattes = [], []
+    for t in (0, 1):
+        column, row = x - RIGHT * t, y - DOWN * t
+        mattes.append((column - 55) ** 2 + (row - 45) ** 2 < 30**2)
+        frames.append(np.where(mattes[-1][..., None], texture(column, row), 0).astype(np.float32))
+    return frames, mattes
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_flow_points_to_where_the_pixel_goes(method):
+    (now, following), (matte, matte_next) = moving_disc()
+    flow, validity = flow_and_validity(now, following, matte, matte_next, FlowSettings(method))
+    assert flow.shape == (96, 120, 2)
+    assert flow.dtype == validity.dtype == np.float32
+    error = np.hypot(flow[..., 0] - RIGHT, flow[..., 1] - DOWN)[matte]
+    assert np.median(error) < 0.25
+    assert np.mean(validity[matte] > 0.5) > 0.9
+    assert (validity[~matte] == 0).all()
+    assert validity.min() >= 0
+    assert validity.max() <= 1
+
+
+def test_flow_gives_the_same_bits_twice():
+    (now, following), mattes = moving_disc()
+    first, second = (flow_and_validity(now, following, *mattes, FlowSettings()) for _ in range(2))
+    np.testing.assert_array_equal(first[0], second[0])
+    np.testing.assert_array_equal(first[1], second[1])
+
+
+def test_what_is_behind_the_matte_pulls_on_nothing():
+    (now, following), mattes = moving_disc()
+    rng = np.random.default_rng(0)
+    dirty = [
+        np.where(m[..., None], f, rng.random(f.shape)).astype(np.float32)
+        for f, m in zip((now, following), mattes, strict=True)
+    ]
+    clean = flow_and_validity(now, following, *mattes, FlowSettings())
+    np.testing.assert_array_equal(flow_and_validity(*dirty, *mattes, FlowSettings())[0], clean[0])
+    assert set(np.unique(encode_grey(dirty[0], mattes[0])[~mattes[0]])) == {128}
+
+
+def test_consistency_is_method_mds_formula():
+    forward = np.zeros((5, 6, 2), np.float32)
+    forward[..., 0] = 1.0
+    full = np.ones((5, 6), bool)
+    for back, good in ((-1.0, True), (-1.7, True), (-1.8, False), (0.0, False)):
+        backward = np.zeros((5, 6, 2), np.float32)
+        backward[..., 0] = back
+        valid = consistency(forward, backward, full, full, FlowSettings(relative=0.01, absolute=0.5))
+        assert (valid[:, :-1] == good).all()
+        assert (valid[:, -1] == 0).all()  # the flow leaves the frame
+
+
+def test_occlusion_shows_in_the_colour():
+    """A bar that covers what was there: its colour differs, so the link is not trusted."""
+    rng = np.random.default_rng(0)
+    now = rng.uniform(0.2, 0.4, (20, 30, 3)).astype(np.float32)
+    covered = now.copy()
+    covered[:, 10:15] = 0.9
+    full, still = np.ones((20, 30), bool), np.zeros((20, 30, 2), np.float32)
+    weight = photometric_weight(still, now, covered, full, full, 0.1)
+    assert weight[:, 11:14].max() < 0.01
+    assert weight[:, :9].min() > 0.99
+    np.testing.assert_array_equal(photometric_weight(still, now, covered, full, full, np.inf), 1)
+
+
+def test_sampling_is_the_energys_warp():
+    from yesnt.temporal import reference
+
+    rng = np.random.default_rng(1)
+    image, flow = rng.random((9, 12, 1)).astype(np.float32), rng.normal(0, 2, (9, 12, 2)).astype(np.float32)
+    now, following = rng.random((2, 9, 12)) > 0.3
+    sampled, valid = sample_next(image, flow, now, following)
+    expected, good = reference.warp(image[..., 0].astype(np.float64), flow.astype(np.float64), following)
+    np.testing.assert_array_equal(valid, good & now)
+    np.testing.assert_allclose(sampled[valid, 0], expected[valid], atol=1e-6)
+
+
+def test_tiny_frames_get_no_flow():
+    grey = np.zeros((8, 40), np.uint8)
+    assert (dense_flow(grey, grey, "dis-quality") == 0).all()

@@ -1,0 +1,102 @@
+"""Inconsistent frames and members: found, named, and kept from their neighbours."""
+
+import numpy as np
+import pytest
+
+from yesnt.temporal import OUTLIER_HALO, consistent_members, robust_confidence, solve
+
+
+@pytest.fixture(scope="module")
+def sequence(pattern):
+    return pattern(30, 40, 48, noise=0.04)
+
+
+CORRUPTED = (4, 13, 25)
+
+
+def corrupt(problem, kind):
+    """10 % of the frames replaced."""
+    rng = np.random.default_rng(5)
+    observed = problem.observed.copy()
+    for t in CORRUPTED:
+        if kind == "offset":
+            observed[t] += 0.3
+        elif kind == "inverted":
+            observed[t] = 1 - observed[t]
+        else:
+            observed[t] = rng.random(observed[t].shape)
+    return problem.changed(observed=observed)
+
+
+def clean_error(problem, value):
+    clean = np.setdiff1d(np.arange(30), CORRUPTED)
+    return np.sqrt(np.mean((value - problem.truth)[clean][problem.matte[clean]] ** 2))
+
+
+@pytest.mark.parametrize("kind", ["offset", "inverted", "noise"])
+def test_corrupted_frames_are_named_and_spoil_nothing_else(sequence, kind):
+    broken = corrupt(sequence, kind)
+    confidence, report = robust_confidence(*broken.arguments[:4], broken.matte)
+    assert report.frames == CORRUPTED
+    without = sequence.confidence.copy()
+    without[list(CORRUPTED)] = 0
+    error = {
+        "uncorrupted": clean_error(sequence, solve(*sequence.arguments).value),
+        "plain": clean_error(sequence, solve(*broken.arguments).value),
+        "robust": clean_error(sequence, solve(*broken.changed(confidence=confidence).arguments).value),
+        "told": clean_error(sequence, solve(*broken.changed(confidence=without).arguments).value),
+    }
+    assert error["robust"] < 1.02 * error["told"]
+    assert error["robust"] < 1.06 * error["uncorrupted"]
+    assert error["robust"] < error["plain"]
+
+
+def test_a_clean_sequence_keeps_its_confidence(sequence):
+    confidence, report = robust_confidence(*sequence.arguments[:4], sequence.matte)
+    assert report.frames == ()
+    assert np.mean(confidence[sequence.matte] < 0.9 * sequence.confidence[sequence.matte]) < 0.01
+
+
+def test_an_inconsistent_region_loses_trust_there_only(sequence):
+    observed = sequence.observed.copy()
+    observed[10, 10:26, 16:32] += 0.4
+    confidence, report = robust_confidence(observed, *sequence.arguments[1:4], sequence.matte)
+    change = confidence / np.maximum(sequence.confidence, 1e-6)
+    inside = np.zeros_like(sequence.matte)
+    inside[10, 13:23, 19:29] = True
+    assert change[inside & sequence.matte].max() < 0.5
+    assert np.median(change[10][sequence.matte[10] & (np.arange(40)[:, None] > 33)]) > 0.9
+    assert report.distrusted[10] > 0.1
+
+
+def test_blocks_with_halo_give_the_same_confidence(sequence):
+    broken = corrupt(sequence, "offset")
+    whole, _ = robust_confidence(*broken.arguments[:4], broken.matte)
+    core = slice(10, 18)
+    outer = slice(core.start - OUTLIER_HALO, core.stop + OUTLIER_HALO)
+    part = broken.cut(outer)
+    block, _ = robust_confidence(*part[:4], part[5])
+    np.testing.assert_array_equal(block[OUTLIER_HALO:-OUTLIER_HALO], whole[core])
+
+
+def test_one_and_two_frames_have_no_outliers(sequence):
+    for frames in (1, 2):
+        part = sequence.cut(slice(0, frames))
+        confidence, report = robust_confidence(*part[:4], part[5])
+        np.testing.assert_array_equal(confidence, part[1])
+        assert report.frames == ()
+
+
+def test_a_member_that_disagrees_is_left_out():
+    rng = np.random.default_rng(0)
+    members = 0.5 + 0.02 * rng.standard_normal((6, 20, 20))
+    members[4] = 0.9 - members[4]
+    kept, distance = consistent_members(members, np.ones((20, 20), bool))
+    assert kept.tolist() == [True, True, True, True, False, True]
+    assert distance.argmax() == 4
+
+
+def test_two_members_cannot_outvote_one_another():
+    kept, _ = consistent_members(np.stack([np.zeros((4, 4)), np.ones((4, 4))]), np.ones((4, 4), bool))
+    assert kept.all()
+    assert consistent_members(np.zeros((3, 4, 4)), np.zeros((4, 4), bool))[0].all()

@@ -44,3 +44,17 @@ def test_every_number_has_its_definition(truth):
     found = score(truth.radiance, truth)
     assert all(metric.definition == DEFINITIONS[metric.name].text for metric in found)
     assert len({metric.name for metric in found}) == len(found)
+
+
+def test_whole_frame_numbers_do_not_depend_on_the_cut(truth):
+    from yesnt.metrics.flip import flip_map
+    from yesnt.metrics.image import psnr, ssim_map
+
+    wide = Truth.of(*(np.pad(a, [(60, 60), (60, 60)] + [(0, 0)] * (a.ndim - 2)) for a in (truth.radiance, truth.opacity)),
+                    np.pad(truth.opacity, 60))  # fmt: skip
+    picture = wide.radiance * np.float32(0.8)
+    found, shown = values(picture, wide), wide.shown(picture)
+    assert wide.frame[0].stop - wide.frame[0].start < shown.shape[0]
+    assert found["psnr_whole"] == pytest.approx(psnr(shown, wide.display))
+    assert found["ssim_whole"] == pytest.approx(ssim_map(shown, wide.display).mean())
+    assert found["flip_whole"] == pytest.approx(flip_map(shown, wide.display).mean())

@@ -12,13 +12,16 @@ from numpy.typing import NDArray
 from yesnt.color import srgb_encode
 from yesnt.metrics.definitions import Metric, named
 from yesnt.metrics.flip import exposure_range, flip_map, hdr_flip_map
-from yesnt.metrics.image import channel_scale, psnr, ssim_map
+from yesnt.metrics.image import channel_scale, decibels, mean_squared_error, psnr, ssim_map
 from yesnt.metrics.perceptual import Features, PerceptualNet
 
 F32 = NDArray[np.float32]
 
 SOLID = 0.99
 """Coverage above which a pixel counts as inside the matte."""
+
+_MARGIN = 24
+"""Pixels: wider than any filter of SSIM (5) and FLIP (10) at the default viewing distance."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,11 @@ class Truth:
         return self.shown(self.radiance)
 
     @cached_property
+    def frame(self) -> tuple[slice, slice]:
+        """Where anything can differ: the box of the opacity with `_MARGIN` pixels around, past which all is black."""
+        return _box(self.opacity > 0, _MARGIN)
+
+    @cached_property
     def peak(self) -> float:
         """99th percentile of the linear values inside: the peak of linear PSNR."""
         return max(float(np.percentile(self.radiance[self.inside], 99)), 1e-6)
@@ -64,8 +72,7 @@ class Truth:
     @cached_property
     def box(self) -> tuple[slice, slice]:
         """Bounding box of the inside."""
-        rows, columns = (np.flatnonzero(self.inside.any(axis=axis)) for axis in (1, 0))
-        return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+        return _box(self.inside, 0)
 
     def boxed(self, display: NDArray[np.floating]) -> NDArray[np.floating]:
         """A display picture cut to the box, black outside the matte."""
@@ -77,40 +84,55 @@ class Truth:
         return [(net.features(self.display), net.features(self.boxed(self.display))) for net in self.nets]
 
 
+def _box(mask: NDArray[np.bool_], margin: int) -> tuple[slice, slice]:
+    """Rows and columns that hold the mask, widened; all of the picture if the mask is empty."""
+    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    if not rows.size:
+        return slice(None), slice(None)
+    return tuple(slice(max(0, int(i[0]) - margin), int(i[-1]) + 1 + margin) for i in (rows, columns))  # type: ignore[return-value]
+
+
 def score(radiance: NDArray[np.floating], truth: Truth) -> list[Metric]:
     """Every number of a straight scene-linear picture [H, W, 3], as it is and with its channels scaled to the truth's.
 
-    An opacity is not scored: the plate's matte is what all rows share, and the truth's is used for all.
+    Coverage is not scored: the truth's is used for both.
     """
-    scale = channel_scale(radiance, truth.radiance, truth.inside).astype(np.float32)
-    plain = _score_once(np.asarray(radiance, np.float32), truth)
-    aligned = _score_once(np.asarray(radiance, np.float32) * scale, truth)
+    picture = np.asarray(radiance, np.float32)
+    scale = channel_scale(picture, truth.radiance, truth.inside).astype(np.float32)
+    plain, aligned = (_basic(p, truth) | _perceptual(p, truth) for p in (picture, picture * scale))
     found = [named(name, value) for name, value in plain.items()]
-    found += [named(f"{name}_aligned", value) for name, value in aligned.items() if not _only_plain(name)]
-    error = hdr_flip_map(np.maximum(radiance, 0) * _solid(truth), truth.radiance * _solid(truth), truth.exposures)
-    return [*found, named("hdr_flip", float(error[truth.inside].mean()))]
+    found += [named(f"{n}_aligned", v) for n, v in aligned.items() if not n.endswith(("_whole", "_matte"))]
+    part, solid = truth.frame, truth.opacity[truth.frame][..., None]
+    error = hdr_flip_map(np.maximum(picture[part], 0) * solid, truth.radiance[part] * solid, truth.exposures)
+    return [*found, named("hdr_flip", float(error[truth.inside[part]].mean()))]
 
 
-def _only_plain(name: str) -> bool:
-    return name.endswith(("_whole", "_matte"))
+def score_briefly(radiance: NDArray[np.floating], truth: Truth) -> list[Metric]:
+    """The numbers of `score` that cost little: PSNR, SSIM and FLIP, and PSNR with the channels scaled."""
+    picture = np.asarray(radiance, np.float32)
+    scale = channel_scale(picture, truth.radiance, truth.inside).astype(np.float32)
+    aligned = psnr(srgb_encode(picture * scale), srgb_encode(truth.radiance), truth.inside)
+    return [*(named(name, value) for name, value in _basic(picture, truth).items()), named("psnr_aligned", aligned)]
 
 
-def _solid(truth: Truth) -> F32:
-    return truth.opacity[..., None]
-
-
-def _score_once(radiance: F32, truth: Truth) -> dict[str, float]:
-    inside, display = truth.inside, truth.shown(radiance)
-    similarity, flip = ssim_map(display, truth.display), flip_map(display, truth.display)
-    found = {
-        "psnr": psnr(srgb_encode(radiance), srgb_encode(truth.radiance), inside),
-        "psnr_whole": psnr(display, truth.display),
-        "psnr_linear": psnr(radiance, truth.radiance, inside, truth.peak),
+def _basic(radiance: F32, truth: Truth) -> dict[str, float]:
+    part = truth.frame
+    display, true, inside = truth.shown(radiance)[part], truth.display[part], truth.inside[part]
+    similarity, flip = ssim_map(display, true), flip_map(display, true)
+    share = inside.size / truth.inside.size  # outside `frame` SSIM is 1 and FLIP and the error are 0
+    return {
+        "psnr": psnr(srgb_encode(radiance), srgb_encode(truth.radiance), truth.inside),
+        "psnr_whole": decibels(share * mean_squared_error(display, true)),
+        "psnr_linear": psnr(radiance, truth.radiance, truth.inside, truth.peak),
         "ssim": float(similarity[inside].mean()),
-        "ssim_whole": float(similarity.mean()),
+        "ssim_whole": 1 - share * (1 - float(similarity.mean())),
         "flip": float(flip[inside].mean()),
-        "flip_whole": float(flip.mean()),
+        "flip_whole": share * float(flip.mean()),
     }
+
+
+def _perceptual(radiance: F32, truth: Truth) -> dict[str, float]:
+    display, found = truth.shown(radiance), {}
     for net, (whole, box) in zip(truth.nets, truth.features, strict=True):
         found[net.name] = net.between(net.features(display), whole)
         found[f"{net.name}_matte"] = net.between(net.features(truth.boxed(display)), box)

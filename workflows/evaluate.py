@@ -1,0 +1,44 @@
+"""The evaluation in one sentence: the product decomposes and solves a shot as ever, then every map's frames are relit
+row by row and judged against the truth, films after all their frames, constants once the best are known."""  # noqa: D205, D209
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from yesnt.evaluation.plan import EvalPlan
+from yesnt.graph import Graph, Node
+from yesnt.workflows.shot import shot_graph
+
+
+def evaluation_graph(plan: EvalPlan) -> Graph:
+    """All nodes of a shot but those of the constants, needs first."""
+    return Graph(_nodes(plan))
+
+
+def constants_graph(plan: EvalPlan, constants: Mapping[str, tuple[float, float]]) -> Graph:
+    """The rows of constant materials, once the search of all shots is over."""
+    return Graph(plan.flat(name, frame, constants) for name, _ in plan.subject.maps for frame in plan.judged(name))
+
+
+def _nodes(plan: EvalPlan) -> Iterator[Node]:
+    keys: dict[tuple[str, int], str] = {}
+
+    def add(node: Node) -> Node:
+        for frame in node.frames:
+            keys[node.stage, frame] = node.frame_key(frame)
+        return node
+
+    if not plan.lacking:
+        product = shot_graph(plan.session.plan())
+        wanted = [node.id for node in product if node.stage in ("solve", "flow")]
+        for node in product.closure(wanted):
+            yield add(node)
+        yield add(plan.material(keys))
+    if plan.exact_arrays:
+        yield add(plan.exact(keys))
+    for name, _ in plan.subject.maps:
+        yield add(plan.search(name))
+        for frame in plan.frames if plan.filmed(name) else plan.judged(name):
+            yield add(plan.judge(name, frame, keys))
+        if plan.filmed(name):
+            yield add(plan.film(name, keys))

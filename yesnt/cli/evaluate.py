@@ -1,0 +1,88 @@
+"""`yesnt eval`: reads options, runs the evaluation, prints its tables and where the rest lies."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from yesnt.cli import text
+
+FolderArgument = Annotated[Path | None, typer.Argument(metavar="FOLDER", help="a shot with truth, or a folder of such")]
+SetOption = Annotated[str | None, typer.Option("--set", help="a set of the stage: objects, sequences; or embedded")]
+OutputOption = Annotated[Path | None, typer.Option(help="where results go (default: eval/SET)")]
+MapsOption = Annotated[str | None, typer.Option(help="maps to judge, as city,studio (default: all)")]
+FramesOption = Annotated[int, typer.Option(min=1, help="frames of a shot on which every row is scored, at most")]
+SamplesOption = Annotated[int | None, typer.Option(min=1, help="members of the ensemble (default: as the shot says)")]
+WeightsOption = Annotated[Path | None, typer.Option(help="weights of the decomposition")]
+QualityOption = Annotated[
+    str | None, typer.Option(help="draft, standard, final, reference (default: as the shot says)")
+]
+LpipsOption = Annotated[Path | None, typer.Option(help="state_dict of LPIPS with AlexNet, for the LPIPS columns")]
+WorkersOption = Annotated[int, typer.Option(min=0, max=1024, help="worker processes; 0: in this process")]
+ClusterOption = Annotated[str, typer.Option(help="local, or the address of a running scheduler")]
+JsonOption = Annotated[bool, typer.Option("--json", help="one JSON document on stdout")]
+
+
+def evaluate(
+    folder: FolderArgument = None,
+    set_name: SetOption = None,
+    output: OutputOption = None,
+    maps: MapsOption = None,
+    frames: FramesOption = 3,
+    samples: SamplesOption = None,
+    weights: WeightsOption = None,
+    quality: QualityOption = None,
+    lpips: LpipsOption = None,
+    workers: WorkersOption = 2,
+    cluster: ClusterOption = "local",
+    json: JsonOption = False,
+) -> int:
+    """Measure shots that have truth: accuracy, ablations, films, each stage's own error; what is done is not redone."""
+    from yesnt.evaluation.run import EvalOptions, run_evaluation
+    from yesnt.evaluation.table import as_markdown
+
+    chosen = None if maps is None else tuple(name.strip() for name in maps.split(",") if name.strip())
+    options = EvalOptions(chosen, frames, samples, weights, quality, lpips, workers, cluster)
+    source = _source(folder, set_name)
+    target = output or Path("eval") / (set_name or source.absolute().name)
+    with _progress(json) as listen:
+        result = run_evaluation(source, target, options, listen)
+    if json:
+        text.print_json(result.document | {"failed": result.failed})
+    else:
+        print(as_markdown(result.document))
+        for node, reason in sorted(result.failed.items()):
+            print(f"Failed: {node}: {reason}")
+        print(f"JSON:     {result.json}\nMarkdown: {result.markdown}\nPage:     {result.page}")
+    return 3 if result.failed else 0
+
+
+def _source(folder: Path | None, set_name: str | None) -> Path:
+    """The folder of the shots: the embedded one, a set of the stage, or what the user named."""
+    if folder is None and set_name == "embedded":
+        from yesnt.embedded import SHOT
+
+        return SHOT
+    home = folder or Path("stage")
+    return home if set_name is None else home / set_name
+
+
+class _Silent:
+    def __enter__(self) -> Callable[[Mapping[str, Any]], None]:
+        return lambda event: None
+
+    def __exit__(self, *error: object) -> None:
+        return None
+
+
+def _progress(json: bool) -> AbstractContextManager[Callable[[Mapping[str, Any]], None]]:
+    from yesnt.cli.progress import BarProgress, LineProgress
+
+    if json:
+        return _Silent()
+    return BarProgress() if sys.stdout.isatty() else LineProgress()

@@ -1,0 +1,165 @@
+"""Tasks that look at a whole shot: materials and flow against truth, the solve of true materials, films."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yesnt import settings as of
+from yesnt.camera import Camera
+from yesnt.evaluation.judge import FILMED
+from yesnt.evaluation.nets import open_nets
+from yesnt.evaluation.subjects import Subject
+from yesnt.io import capture
+from yesnt.io.jobfile import frame_path
+from yesnt.metrics.definitions import Metric, named
+from yesnt.metrics.image import psnr
+from yesnt.metrics.material import measure_material, sparsification
+from yesnt.metrics.motion import Film, measure_flow, measure_lengths, path_length, tpsnr_diff, tpsnr_warp
+from yesnt.metrics.score import SOLID, Truth
+from yesnt.metrics.seen import truly_seen
+from yesnt.workspace import Workspace
+
+F32 = NDArray[np.float32]
+
+PLANES = ("roughness", "metallic")
+
+
+def exact(space: Workspace) -> None:
+    """The temporal solve of true materials, along true and along our flow: what the solve itself changes."""
+    from yesnt.decompose.ensemble import confidence
+    from yesnt.temporal import solve
+
+    job, subject = space.job, space.node.arguments["subject"]
+    mattes = np.stack([capture.read_matte(job, frame) for frame in job.frames])
+    pairs = zip(job.frames, mattes, strict=True)
+    true = np.stack([subject.read_material(frame, matte).planes for frame, matte in pairs], axis=1)
+    weights = np.ones_like(true)
+    if space.node.arguments["own"]:
+        spreads = [space.read("decompose", "spread", frame) for frame in job.frames]
+        weights = np.stack([confidence(spread) for spread in spreads], axis=1)
+    links = {}
+    if "exact_own_flow" in space.node.arguments["arrays"]:
+        links["exact_own_flow"] = _own_links(space)
+    if "exact_true_flow" in space.node.arguments["arrays"]:
+        links["exact_true_flow"] = _true_links(space, subject) if len(job.frames) > 1 else _no_links(space)
+    solved = {}
+    with space.kernel():
+        for name, (flow, validity) in links.items():
+            params, tolerance = of.energy_params(job.shot), job.shot.temporal.tolerance
+            solved[name] = solve(true, weights, flow, validity, params, mattes > 0.5, tolerance).value
+    for t, frame in enumerate(job.frames):
+        space.commit(frame, {name: value[:, t] for name, value in solved.items()})
+
+
+def material(space: Workspace) -> None:
+    """Errors of mean and solved materials over all frames, calibration of the spread, and flow."""
+    job, subject, first = space.job, space.node.arguments["subject"], space.node.frames[0]
+    columns: dict[str, list[F32]] = {"true": [], "observed": [], "own": [], "spread": []}
+    for frame in job.frames:
+        matte = capture.read_matte(job, frame)
+        inside = matte > SOLID
+        columns["true"].append(subject.read_material(frame, matte).planes[:, inside])
+        for name, (stage, array) in _STORED.items():
+            columns[name].append(space.read(stage, array, frame)[:, inside])
+    values = {name: np.concatenate(parts, axis=1) for name, parts in columns.items()}
+    facts: dict[str, Any] = {"material": {}, "sparsification": {}}
+    with space.kernel():
+        for i, plane in enumerate(PLANES):
+            error = values["observed"][i] - values["true"][i]
+            facts["material"][plane] = {
+                "observed": _as_dict(measure_material(values["observed"][i], values["true"][i], values["spread"][i])),
+                "own": _as_dict(measure_material(values["own"][i], values["true"][i])),
+            }
+            facts["sparsification"][plane] = {
+                "spread": sparsification(error, values["spread"][i]).tolist(),
+                "oracle": sparsification(error, np.abs(error)).tolist(),
+            }
+        if subject.has_flow(job.frames):
+            facts["flow"] = _as_dict(_flow_numbers(space, subject))
+    space.commit(first, {}, facts=facts)
+
+
+def film(space: Workspace) -> None:
+    """Numbers of the relit films of one map: with and without temporal regularisation."""
+    arguments, job, first = space.node.arguments, space.job, space.node.frames[0]
+    subject, name = arguments["subject"], arguments["map"]
+    truths = [_truth(space, subject, name, frame) for frame in job.frames]
+    matte = np.stack([truth.inside for truth in truths])
+    true = np.stack([truth.display for truth in truths])
+    nets = open_nets(None)[:1]
+    links = _true_links(space, subject) if subject.has_flow(job.frames) else None
+    facts: dict[str, Any] = {}
+    with space.kernel():
+        lengths = [path_length(true, net) for net in nets]
+        for row in FILMED:
+            pictures = (space.read(f"judge.{name}", f"relit.{name}.{row}", f).transpose(1, 2, 0) for f in job.frames)
+            shown = np.stack([truth.shown(picture) for truth, picture in zip(truths, pictures, strict=True)])
+            numbers = _film_numbers(shown, true, matte, links)
+            for net, length in zip(nets, lengths, strict=True):
+                numbers += measure_lengths(path_length(shown, net), length)
+            facts[row] = _as_dict(numbers)
+        facts["truth"] = _as_dict(_film_numbers(true, true, matte, links))
+        for length in lengths:
+            facts["truth"]["ppl"] = float(length.mean())
+    space.commit(first, {}, facts={"film": facts})
+
+
+def _truth(space: Workspace, subject: Subject, name: str, frame: int) -> Truth:
+    radiance, opacity = subject.read_relit(name, frame)
+    return Truth.of(radiance, opacity, capture.read_matte(space.job, frame))
+
+
+_STORED = {"observed": ("decompose", "observed"), "own": ("solve", "material"), "spread": ("decompose", "spread")}
+
+
+def _film_numbers(shown: Film, true: Film, matte: NDArray[np.bool_], links: tuple[F32, F32] | None) -> list[Metric]:
+    frames = [psnr(a, b, inside) for a, b, inside in zip(shown, true, matte, strict=True)]
+    numbers = [named("psnr_frames", float(np.mean(frames))), named("tpsnr_diff", tpsnr_diff(shown, true, matte))]
+    if links is not None:
+        flow, seen = links
+        numbers.append(named("tpsnr_warp", tpsnr_warp(shown, flow, seen > 0, matte)))
+    return numbers
+
+
+def _flow_numbers(space: Workspace, subject: Subject) -> list[Metric]:
+    flow, validity = _own_links(space)
+    true, seen = _true_links(space, subject)
+    matte = np.stack([capture.read_matte(space.job, frame) > SOLID for frame in space.job.frames[:-1]])
+    return measure_flow(flow, true, validity > 0.5, seen > 0.5, matte)
+
+
+def _own_links(space: Workspace) -> tuple[F32, F32]:
+    """Our flow [T-1, H, W, 2] and its validity [T-1, H, W]."""
+    job = space.job
+    flow = np.zeros((len(job.frames) - 1, job.height, job.width, 2), np.float32)
+    validity = np.zeros(flow.shape[:-1], np.float32)
+    for t, frame in enumerate(job.frames[:-1]):
+        flow[t] = space.read("flow", "flow", frame).transpose(1, 2, 0)
+        validity[t] = space.read("flow", "validity", frame)[0]
+    return flow, validity
+
+
+def _true_links(space: Workspace, subject: Subject) -> tuple[F32, F32]:
+    """True flow [T-1, H, W, 2] and where its point is truly seen in the next frame [T-1, H, W]."""
+    job = space.job
+    camera = Camera.open(frame_path(job.root, job.shot.camera, 0))
+    flow = np.stack([subject.read_flow(frame) for frame in job.frames[:-1]])
+    depth = np.stack([capture.read_surface(job, frame, camera).z for frame in job.frames])
+    matte = np.stack([capture.read_matte(job, frame) > 0.5 for frame in job.frames])
+    seen = [truly_seen(flow[t], depth[t], depth[t + 1], matte[t], matte[t + 1]) for t in range(len(flow))]
+    return flow, np.stack(seen).astype(np.float32)
+
+
+def _no_links(space: Workspace) -> tuple[F32, F32]:
+    """Flow and validity of a single frame: none."""
+    shape = (0, space.job.height, space.job.width)
+    return np.zeros((*shape, 2), np.float32), np.zeros(shape, np.float32)
+
+
+def _as_dict(numbers: Iterable[Metric]) -> dict[str, float]:
+    return {metric.name: metric.value for metric in numbers if not math.isnan(metric.value)}

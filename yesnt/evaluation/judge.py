@@ -1,0 +1,144 @@
+"""Tasks that look at pictures: one frame under one map, row by row, and the search for the best constants."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yesnt.color import srgb_encode
+from yesnt.evaluation.nets import open_nets
+from yesnt.evaluation.pictures import write_strip
+from yesnt.evaluation.rows import EXACT_ARRAYS, ROWS, SEPARATIONS, Row
+from yesnt.evaluation.scene import Scene
+from yesnt.evaluation.subjects import PROXY, Subject, TrueMaterial
+from yesnt.io.capture import file_digest
+from yesnt.metrics.image import mean_squared_error, psnr
+from yesnt.metrics.score import Truth, score, score_briefly
+from yesnt.workspace import Workspace
+
+F32 = NDArray[np.float32]
+
+FILMED = ("unregularised", "full")
+"""Rows whose pictures are kept for the film's numbers."""
+
+SEARCH_STRIDE = 3
+SEARCH_ROUGHNESS = (0.2, 0.35, 0.5, 0.65, 0.8, 1.0)
+SEARCH_METALLIC = (0.0, 0.25, 0.5, 1.0)
+
+
+def judge(space: Workspace) -> None:
+    """Scores the rows of one frame under one map; keeps the pictures that a film's numbers need."""
+    arguments, frame = space.node.arguments, space.node.frames[0]
+    subject, name = arguments["subject"], arguments["map"]
+    studio = _Studio(space, subject, name)
+    rows = [ROWS[row] for row in arguments["rows"]]
+    with space.kernel():
+        pictures = {row.name: studio.picture(row) for row in rows}
+        facts: dict[str, Any] = {"rows": {row.name: studio.scores(row, pictures[row.name]) for row in rows}}
+        facts["separation"] = studio.separations(pictures)
+    files = _strip(space, studio, pictures) if arguments["strip"] else {}
+    kept = {f"relit.{name}.{row}": pictures[row].transpose(2, 0, 1) for row in arguments["keep"]}
+    space.commit(frame, kept, files, facts)
+
+
+def search(space: Workspace) -> None:
+    """PSNR of every candidate constant on one frame under one map, at one pixel in nine, with few directions."""
+    arguments, frame = space.node.arguments, space.node.frames[0]
+    scene = Scene(space.job, frame, SEARCH_STRIDE)
+    radiance, opacity = arguments["subject"].read_relit(arguments["map"], frame)
+    inside = (np.minimum(scene.matte, opacity) > 0.99) & (scene.matte > 0)
+    row = Row("", "", "separation", "constant", "", {**arguments["knobs"]})
+    errors = {}
+    with space.kernel():
+        for roughness in SEARCH_ROUGHNESS:
+            for metallic in SEARCH_METALLIC:
+                relit = scene.relit(row, constant_planes((roughness, metallic), opacity.shape), arguments["env"])
+                errors[f"{roughness},{metallic}"] = psnr(srgb_encode(relit), srgb_encode(radiance), inside)
+    space.commit(frame, {}, facts={"psnr": errors})
+
+
+def constant_planes(pair: tuple[float, float], shape: tuple[int, ...]) -> F32:
+    """[2, H, W] of one roughness and one metallic."""
+    return np.broadcast_to(np.array(pair, np.float32)[:, None, None], (2, *shape))
+
+
+class _Studio:
+    """One frame under one map: its truth, and pictures made once for every way of making them."""
+
+    def __init__(self, space: Workspace, subject: Subject, name: str) -> None:
+        self._space, self._frame, self._subject, self._map = space, space.node.frames[0], subject, name
+        self.scene = Scene(space.job, self._frame)
+        self.truth = Truth.of(*subject.read_relit(name, self._frame), self.scene.plate.matte, _nets(space))
+        self._material: TrueMaterial = subject.read_material(self._frame, self.scene.plate.matte)
+        self._made: dict[Any, F32] = {}
+
+    def picture(self, row: Row) -> F32:
+        """The relit picture of a row; rows that are made alike share one."""
+        way = (row.source, tuple(sorted(row.knobs.items())), row.proxy, row.true_base, self._constant(row))
+        if way not in self._made:
+            self._made[way] = self._make(row)
+        return self._made[way]
+
+    def scores(self, row: Row, picture: F32) -> Mapping[str, float]:
+        """Numbers of a row: all for the table, the quick ones for the ladder and for frames between."""
+        if row.group == "separation":
+            return {}
+        full = row.group == "table" and self._space.node.arguments["thorough"]
+        found = score(picture, self.truth) if full else score_briefly(picture, self.truth)
+        return {metric.name: metric.value for metric in found}
+
+    def separations(self, pictures: Mapping[str, F32]) -> dict[str, float]:
+        """Mean squared display error of each stage alone."""
+        shown = {name: srgb_encode(picture) for name, picture in pictures.items()}
+        shown["truth"] = srgb_encode(self.truth.radiance)
+        return {
+            one.stage: mean_squared_error(shown[one.candidate], shown[one.reference], self.truth.inside)
+            for one in SEPARATIONS
+            if one.candidate in shown and one.reference in shown and "full_true" in pictures
+        }
+
+    def _constant(self, row: Row) -> tuple[float, float] | None:
+        pair = self._space.node.arguments["constants"].get(row.name)
+        return None if pair is None else (float(pair[0]), float(pair[1]))
+
+    def _make(self, row: Row) -> F32:
+        if row.source == "plate":
+            return self.scene.plate.color
+        if row.source == "blender":
+            return self._subject.read_relit(self._map, self._frame, PROXY)[0]
+        env = self._subject.env_path(self._map)
+        return self.scene.relit(row, self._planes(row), env, self._material.base_color)
+
+    def _planes(self, row: Row) -> F32:
+        pair = self._constant(row)
+        if pair is not None:
+            return constant_planes(pair, self.truth.opacity.shape)
+        if row.source == "true":
+            return self._material.planes
+        stage, array = _ARRAYS[row.source]
+        return self._space.read(stage, array, self._frame)
+
+
+_ARRAYS = {
+    "own": ("solve", "material"),
+    "observed": ("decompose", "observed"),
+    **{source: ("exact", array) for source, array in EXACT_ARRAYS.items()},
+}
+"""Where the material of a source is stored: stage and array."""
+
+
+def _nets(space: Workspace) -> Any:
+    lpips = space.node.arguments["lpips"]
+    return open_nets(None if lpips is None else Path(lpips))
+
+
+def _strip(space: Workspace, studio: _Studio, pictures: Mapping[str, F32]) -> dict[str, str]:
+    """Plate, truth, ours and FLIP side by side, for the page."""
+    shown = next(name for name in ("full", "full_true") if name in pictures)
+    path = space.output.root / "pictures" / f"{space.node.arguments['map']}.{space.node.frames[0]:04d}.jpg"
+    write_strip(path, studio.scene.plate.color, pictures[shown], studio.truth)
+    return {str(path.relative_to(space.output.root)): file_digest(path)}

@@ -1,0 +1,97 @@
+"""One self-contained page: tables with their definitions, pictures beside numbers, worst cases first."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from yesnt.evaluation.pictures import PANELS
+from yesnt.evaluation.table import Table, headline, number, tables
+from yesnt.io.durable import write_bytes
+
+_STYLE = """
+body{font:15px/1.45 system-ui,sans-serif;margin:2rem auto;max-width:78rem;padding:0 1rem;color:#1b1b1b;background:#fff}
+table{border-collapse:collapse;font-variant-numeric:tabular-nums;display:block;overflow-x:auto}
+th,td{padding:.25rem .6rem;text-align:right;white-space:nowrap;border-bottom:1px solid #ddd}
+th:first-child,td:first-child{text-align:left;position:sticky;left:0;background:#fff}
+td.text{text-align:left;white-space:normal;min-width:22rem}
+details{margin:.4rem 0 1.6rem;color:#444}figure{margin:1.2rem 0;display:grid;grid-template-columns:1fr 17rem;gap:1rem}
+figure img{width:100%;background:#000}.bad{color:#a4161a;font-weight:600}.good{color:#1d6b2f}svg{max-width:26rem}
+"""
+
+_BESIDE = ("psnr", "psnr_aligned", "ssim", "flip", "hdr_flip", "stlpips")
+"""Numbers that stand beside a picture."""
+
+
+def write_page(path: Path, document: Mapping[str, Any], output: Path) -> None:
+    """Writes the page; pictures come from the evaluation's folder."""
+    parts = [f"<h1>Evaluation of {escape(str(document.get('folder', '')))}</h1><p>{escape(headline(document))}</p>"]
+    parts += [_table(table) for table in tables(document)]
+    parts += [
+        _calibration(document),
+        "<h2>Pictures, worst first</h2>",
+        f"<p>From left to right: {', '.join(PANELS)}.</p>",
+    ]
+    parts += [_figure(one, document, output) for one in document["worst"]]
+    head = f"<!doctype html><meta charset=utf-8><title>yesnt eval</title><style>{_STYLE}</style>"
+    write_bytes(path, (head + "\n".join(parts)).encode())
+
+
+def _table(table: Table) -> str:
+    head = "".join(f"<th>{escape(cell)}</th>" for cell in table.header)
+    body = "".join("<tr>" + "".join(_cell(cell) for cell in line) + "</tr>" for line in table.lines)
+    notes = "".join(f"<li>{escape(note)}</li>" for note in table.notes)
+    return (
+        f"<h2>{escape(table.title)}</h2><table><tr>{head}</tr>{body}</table>"
+        f"<details open><summary>Definitions</summary><ul>{notes}</ul></details>"
+    )
+
+
+def _cell(text: str) -> str:
+    kind = {"holds": "good", "does not hold": "bad"}.get(text, "text" if len(text) > 60 else "")
+    return f'<td class="{kind}">{escape(text)}</td>' if kind else f"<td>{escape(text)}</td>"
+
+
+def _figure(one: Mapping[str, Any], document: Mapping[str, Any], output: Path) -> str:
+    picture = output / one["picture"]
+    if not picture.is_file():
+        return ""
+    data = base64.b64encode(picture.read_bytes()).decode()
+    numbers = document["cells"][one["row"]][one["cell"]]
+    lines = "".join(
+        f'<tr title="{escape(document["definitions"][m])}"><td>{escape(m)}</td><td>{number(m, numbers[m])}</td></tr>'
+        for m in _BESIDE
+        if m in numbers
+    )
+    note = " (true materials)" if one["row"] == "full_true" else ""
+    image = f'<img alt="{escape(one["cell"])}" src="data:image/jpeg;base64,{data}">'
+    return f"<figure>{image}<div><b>{escape(one['cell'])}</b>{note}<table>{lines}</table></div></figure>"
+
+
+def _calibration(document: Mapping[str, Any]) -> str:
+    """Sparsification curves of every shot, drawn: RMSE of the pixels that are left against their share."""
+    drawn = []
+    for shot, found in document["material"]["shots"].items():
+        for plane, curves in found["sparsification"].items():
+            drawn.append(f"<td>{escape(shot)}, {plane}<br>{_curves(curves)}</td>")
+    if not drawn:
+        return ""
+    rows = "".join(f"<tr>{''.join(drawn[i : i + 2])}</tr>" for i in range(0, len(drawn), 2))
+    return (
+        "<h2>Sparsification</h2><p>RMSE of the pixels that are left when those of largest standard deviation (blue) or "
+        "of largest error (grey: the best possible order) are taken away; left: all pixels, right: 5 % of them.</p>"
+        f"<table>{rows}</table>"
+    )
+
+
+def _curves(curves: Mapping[str, list[float]]) -> str:
+    top = max(max(curve) for curve in curves.values()) or 1.0
+    lines = ""
+    for name, color in (("oracle", "#999"), ("spread", "#1f5fbf")):
+        points = " ".join(f"{20 + 15 * i},{120 - 100 * v / top:.1f}" for i, v in enumerate(curves[name]))
+        lines += f'<polyline fill="none" stroke="{color}" stroke-width="2" points="{points}"/>'
+    axes = '<path d="M20 15V120H310" fill="none" stroke="#333"/>'
+    return f'<svg viewBox="0 0 320 135">{axes}{lines}<text x="24" y="14" font-size="11">{top:.3f}</text></svg>'

@@ -1,0 +1,213 @@
+"""One evaluation: every shot of a set through the product and the judges, then one document."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from yesnt.cluster import ClusterSpec, open_cluster
+from yesnt.driver import Driver
+from yesnt.errors import JobError
+from yesnt.evaluation.constants import best_constants
+from yesnt.evaluation.page import write_page
+from yesnt.evaluation.plan import EvalPlan
+from yesnt.evaluation.subjects import Subject, find_subjects
+from yesnt.evaluation.summary import summarise
+from yesnt.evaluation.table import as_markdown
+from yesnt.evaluation.tasks import run_evaluation_node
+from yesnt.graph import Graph
+from yesnt.io.durable import sweep_partials, write_bytes, write_json
+from yesnt.io.jobfile import load_shot
+from yesnt.io.store import FrameStore
+from yesnt.session import Session
+from yesnt.shot import Shot
+from yesnt.workflows.evaluate import constants_graph, evaluation_graph
+
+Listener = Callable[[Mapping[str, Any]], None]
+
+
+@dataclass(frozen=True)
+class EvalOptions:
+    """What is measured and how.
+
+    Attributes:
+        maps: maps to judge; None: all that there is truth for.
+        thorough: frames of a shot, at most, on which every row is scored.
+        samples: members of the ensemble; None: as the shots say.
+        weights: of the decomposition; None: as the shots say.
+        quality: of the relighting; None: as the shots say.
+        lpips: a state_dict of LPIPS with AlexNet, for the columns that need one.
+        workers: worker processes; 0: everything in this process.
+        cluster: where tasks run.
+    """
+
+    maps: tuple[str, ...] | None = None
+    thorough: int = 3
+    samples: int | None = None
+    weights: Path | None = None
+    quality: str | None = None
+    lpips: Path | None = None
+    workers: int = 2
+    cluster: str = "local"
+
+
+@dataclass
+class EvalResult:
+    """What an evaluation left: the document, its files, and what failed by shot and node."""
+
+    document: dict[str, Any]
+    output: Path
+    failed: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def json(self) -> Path:
+        """The document."""
+        return self.output / "evaluation.json"
+
+    @property
+    def markdown(self) -> Path:
+        """The tables."""
+        return self.output / "evaluation.md"
+
+    @property
+    def page(self) -> Path:
+        """The tables and the pictures."""
+        return self.output / "evaluation.html"
+
+
+def run_evaluation(
+    folder: Path, output: Path, options: EvalOptions, listen: Listener = lambda event: None
+) -> EvalResult:
+    """Evaluates every shot with truth below a folder; what is done already is not done again.
+
+    Args:
+        folder: a shot, or a folder of shots.
+        output: where stores, records, pictures and tables go.
+        options: what is measured.
+        listen: called with every event of the driver.
+
+    Raises:
+        UsageError: there is nothing to evaluate.
+        JobError: an input is wrong.
+    """
+    started = time.time()
+    plans = [open_plan(subject, output, options) for subject in find_subjects(folder, options.maps)]
+    with ExitStack() as stack:
+        drive = _Drive(options, listen, stack)
+        for plan in plans:
+            drive(plan, evaluation_graph(plan))
+        constants = best_constants(plans)
+        for plan in plans:
+            drive(plan, constants_graph(plan, constants[plan.subject.name]))
+    document = summarise(plans, constants)
+    document |= {"folder": str(folder), "seconds": time.time() - started}
+    result = EvalResult(document, output, drive.failed)
+    write_json(result.json, document)
+    write_bytes(result.markdown, as_markdown(document).encode())
+    write_page(result.page, document, output)
+    return result
+
+
+def open_plan(subject: Subject, output: Path, options: EvalOptions) -> EvalPlan:
+    """Writes the job file of a shot's evaluation and opens it.
+
+    The shot's own folder is only read: the job file in the evaluation's folder names its inputs by absolute paths.
+    """
+    shot = load_shot(subject.folder / "shot.yaml")
+    home = output / "shots" / subject.name
+    home.mkdir(parents=True, exist_ok=True)
+    lacking = ""
+    try:
+        session = _session(home, _absolute(shot, subject, options))
+    except JobError as error:
+        if shot.decompose.path is not None or "weights" not in error.what:
+            raise
+        lacking = f"no decomposition: {error.what[0].lower()}{error.what[1:]}"
+        true = _absolute(shot, subject, options)
+        true["decompose"] = {"path": str(subject.folder / "truth" / "material.####.exr")}
+        session = _session(home, true)
+    return EvalPlan(subject, session, lacking, options.thorough, options.lpips)
+
+
+def _session(home: Path, document: Mapping[str, Any]) -> Session:
+    text = "# Written by `yesnt eval`: the evaluated shot, its inputs by absolute paths.\n"
+    write_bytes(home / "shot.yaml", (text + yaml.safe_dump(dict(document), sort_keys=True)).encode())
+    return Session(home)
+
+
+def _absolute(shot: Shot, subject: Subject, options: EvalOptions) -> dict[str, Any]:
+    """The shot as a document whose paths are absolute and whose output is the evaluation's."""
+    changes: dict[str, Any] = {"output": "out", "camera": str(subject.folder / shot.camera)}
+    for name in ("plate", "gbuffer", "light", "capture_light", "background", "proxy", "decompose", "flow"):
+        part = getattr(shot, name)
+        if part is not None and part.path is not None:
+            changes[name] = part.model_copy(update={"path": str(subject.folder / part.path)})
+    shot = shot.model_copy(update=changes)
+    asked = {
+        "samples": options.samples,
+        "weights": None if options.weights is None else str(options.weights.absolute()),
+    }
+    decompose = shot.decompose.model_copy(update={k: v for k, v in asked.items() if v is not None})
+    quality = {} if options.quality is None else {"quality": options.quality}
+    return shot.model_copy(update={"decompose": decompose, **quality}).model_dump(mode="json", exclude_none=True)
+
+
+class _Drive:
+    """Runs graphs, in this process or on a cluster that is started when the first task needs it."""
+
+    def __init__(self, options: EvalOptions, listen: Listener, stack: ExitStack) -> None:
+        self._options, self._listen, self._stack = options, listen, stack
+        self._client: Any = None
+        self.failed: dict[str, str] = {}
+
+    def __call__(self, plan: EvalPlan, graph: Graph) -> None:
+        """Runs what has no record yet."""
+        session, job = plan.session, plan.session.job
+        with session.output.lock():
+            sweep_partials(session.output.root)
+            arrays = session.plan().arrays() | plan.arrays()
+            FrameStore.create(session.output.store, arrays, len(job.frames), job.height, job.width)
+            driver = Driver(job, graph, session.book, run_evaluation_node, None, self._listen)
+            reused = driver.reuse()
+            counts = _count(list(graph.nodes)), _count(reused.reused)
+            self._listen({"event": "plan", "stages": counts[0], "reused": counts[1], "shot": plan.subject.name})
+            if not driver.remaining:
+                return
+            if self._options.workers == 0:
+                _run_here(plan, graph, set(reused.reused), self._listen)
+                return
+            outcome = driver.run(self._cluster())
+        for node_id, reason in (outcome.failed | outcome.dead).items():
+            self.failed[f"{plan.subject.name}: {node_id[0]} {node_id[1]}"] = reason
+
+    def _cluster(self) -> Any:
+        if self._client is None:
+            spec = ClusterSpec(self._options.cluster, self._options.workers)
+            self._client = self._stack.enter_context(open_cluster(spec))
+            self._listen({"event": "cluster", "dashboard": self._client.dashboard_link or ""})
+        return self._client
+
+
+def _run_here(plan: EvalPlan, graph: Graph, done: set[Any], listen: Listener) -> None:
+    """Runs nodes one after another in this process; the first error ends it."""
+    for node in graph:
+        if node.id in done:
+            continue
+        about = {"time": time.time(), "stage": node.stage, "frames": list(node.frames)}
+        listen({"event": "start", **about})
+        receipt = run_evaluation_node(plan.session.job, node)
+        listen({"event": "done", **about, **receipt})
+
+
+def _count(ids: Iterable[tuple[str, int]]) -> dict[str, int]:
+    counts: dict[str, int] = {}
+    for stage, _ in ids:
+        name = stage.partition(".")[0]
+        counts[name] = counts.get(name, 0) + 1
+    return counts

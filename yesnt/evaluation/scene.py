@@ -1,0 +1,124 @@
+"""One frame of a shot as the relighting kernels want it, and a row's relit picture of it."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yesnt import settings as of
+from yesnt.camera import Camera
+from yesnt.evaluation.rows import Row
+from yesnt.io import capture
+from yesnt.io.jobfile import frame_path
+from yesnt.io.mesh import read_mesh
+from yesnt.relight import (
+    EnvMap,
+    PreparedLight,
+    ProxyScene,
+    RelightSettings,
+    Surface,
+    prepare_capture,
+    prepare_relight,
+    uniform_light,
+)
+from yesnt.relight.frame import base_color, shade_pixels
+from yesnt.relight.occlusion import find_occluders
+from yesnt.relight.points import gather_pixels
+from yesnt.shot import Job, LightInput
+
+F32 = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What one frame brings along, whatever lights it.
+
+    Attributes:
+        job: of the shot.
+        frame: its number.
+        stride: pixels of which only every stride-th in both directions is shaded (for searches); 1: all.
+    """
+
+    job: Job
+    frame: int
+    stride: int = 1
+
+    @cached_property
+    def camera(self) -> Camera:
+        """The shot's camera."""
+        return Camera.open(frame_path(self.job.root, self.job.shot.camera, 0))
+
+    @cached_property
+    def plate(self) -> capture.Plate:
+        """The captured picture."""
+        return capture.read_plate(self.job, self.frame)
+
+    @cached_property
+    def matte(self) -> F32:
+        """Coverage [H, W] of the pixels that are shaded."""
+        chosen = np.zeros_like(self.plate.matte)
+        chosen[:: self.stride, :: self.stride] = 1
+        return self.plate.matte * chosen
+
+    @cached_property
+    def seen(self) -> capture.Surface:
+        """The G-buffer."""
+        return capture.read_surface(self.job, self.frame, self.camera)
+
+    @cached_property
+    def proxy(self) -> ProxyScene | None:
+        """The proxy mesh."""
+        if self.job.shot.proxy is None:
+            return None
+        mesh = read_mesh(frame_path(self.job.root, self.job.shot.proxy.path, self.frame))
+        return ProxyScene.from_arrays(mesh.vertices, mesh.faces)
+
+    @property
+    def settings(self) -> RelightSettings:
+        """The shot's relighting."""
+        return of.relight_settings(self.job.shot)
+
+    def relit(self, row: Row, planes: F32, env: Path, true_base: F32 | None = None) -> F32:
+        """Straight radiance [H, W, 3] of a row.
+
+        Args:
+            row: how the picture is made.
+            planes: [2, H, W] roughness and metallic.
+            env: file of the light, in Blender's convention.
+            true_base: [H, W, 3] base colour, for rows that are given it.
+        """
+        settings = dataclasses.replace(self.settings, **row.knobs)
+        surface = Surface(self.seen.normal, self.seen.z, self.matte, planes[0], planes[1], self.camera, self.frame)
+        pixels = gather_pixels(surface)
+        occluders = find_occluders(surface, pixels, self.proxy if row.proxy else None, settings)
+        if row.true_base:
+            assert true_base is not None
+            base = true_base.reshape(-1, 3)[pixels.index]
+        else:
+            color = self.plate.color.reshape(-1, 3)[pixels.index]
+            base = base_color(color, pixels, occluders, captured_light(self.job, settings), settings)
+        return shade_pixels(base, pixels, occluders, new_light(env, settings), settings).radiance
+
+
+def captured_light(job: Job, settings: RelightSettings) -> PreparedLight:
+    """The light of the plate, as the job names it."""
+    return _captured(job.root, job.shot.capture_light, settings)
+
+
+@lru_cache(maxsize=4)
+def _captured(root: str, spec: LightInput | None, settings: RelightSettings) -> PreparedLight:
+    if spec is None:
+        return prepare_capture(uniform_light(), settings)
+    radiance, _ = capture.read_radiance(frame_path(root, spec.path, 0))
+    return prepare_capture(EnvMap.from_array(radiance, spec.convention).turned(spec.rotation, spec.exposure), settings)
+
+
+@lru_cache(maxsize=4)
+def new_light(env: Path, settings: RelightSettings) -> PreparedLight:
+    """A map of the set, as Blender had it."""
+    return prepare_relight(EnvMap.from_array(capture.read_radiance(env)[0]), settings)

@@ -1,0 +1,179 @@
+"""From records to one document: every table, the errors of each stage, the margins, the worst cases."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from yesnt.evaluation.margins import margins
+from yesnt.evaluation.plan import EvalPlan
+from yesnt.evaluation.rows import ROWS, SEPARATIONS, Row
+from yesnt.metrics.definitions import DEFINITIONS
+from yesnt.metrics.image import decibels
+
+Cells = dict[str, dict[str, dict[str, float]]]
+"""Row -> "shot / map" -> metric -> value."""
+
+
+def summarise(plans: Sequence[EvalPlan], constants: Mapping[str, Mapping[str, tuple[float, float]]]) -> dict[str, Any]:
+    """The document that Markdown and page are made from; JSON-ready, None where a number is infinite or absent."""
+    cells = _cells(plans)
+    document = {
+        "shots": [_shot(plan) for plan in plans],
+        "constants": {shot: {row: list(pair) for row, pair in rows.items()} for shot, rows in constants.items()},
+        "rows": [_row(row, plans, cells) for row in ROWS.values() if row.group != "separation"],
+        "cells": cells,
+        "separation": _separation(plans),
+        "material": _material(plans),
+        "film": _film(plans),
+        "worst": _worst(plans, cells),
+        "definitions": {name: definition.text for name, definition in DEFINITIONS.items()},
+    }
+    document["margins"] = margins(document)
+    return _finite(document)
+
+
+def spread(values: Iterable[float | None]) -> dict[str, float]:
+    """Mean and population standard deviation of the finite values, and how many they are."""
+    known = [v for v in values if v is not None and math.isfinite(v)]
+    if not known:
+        return {"n": 0}
+    return {"mean": float(np.mean(known)), "std": float(np.std(known)), "n": len(known)}
+
+
+def _cells(plans: Sequence[EvalPlan]) -> Cells:
+    """Mean over the judged frames of every number of every row, shot and map."""
+    cells: Cells = {}
+    for plan in plans:
+        for name, _ in plan.subject.maps:
+            rows: dict[str, list[Mapping[str, float]]] = {}
+            for facts in _facts(plan, name, ("judge", "flat")):
+                for row, numbers in facts["rows"].items():
+                    rows.setdefault(row, []).extend([numbers] if numbers else [])
+            for row, frames in rows.items():
+                if frames:
+                    cells.setdefault(row, {})[f"{plan.subject.name} / {name}"] = _mean(frames)
+    return cells
+
+
+def _facts(plan: EvalPlan, name: str, stages: Iterable[str]) -> Iterable[Mapping[str, Any]]:
+    for stage in stages:
+        for frame in plan.judged(name):
+            record = plan.session.book.find(f"{stage}.{name}", frame)
+            if record is not None:
+                yield record.facts
+
+
+def _mean(frames: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    return {metric: float(np.mean([frame[metric] for frame in frames])) for metric in frames[0]}
+
+
+def _shot(plan: EvalPlan) -> dict[str, Any]:
+    job, backend = plan.session.job, plan.session.resolved.backend
+    return {
+        "name": plan.subject.name, "width": job.width, "height": job.height, "frames": len(job.frames),
+        "maps": {name: list(plan.judged(name)) for name, _ in plan.subject.maps}, "quality": job.shot.quality,
+        "lacking": plan.lacking,
+        "backend": None if plan.lacking or backend is None else backend.name,
+    }  # fmt: skip
+
+
+def _row(row: Row, plans: Sequence[EvalPlan], cells: Cells) -> dict[str, Any]:
+    numbers = cells.get(row.name, {})
+    metrics = dict.fromkeys(metric for cell in numbers.values() for metric in cell)
+    reasons = {plan.absent(name).get(row.name, "") for plan in plans for name, _ in plan.subject.maps} - {""}
+    return {
+        "name": row.name, "title": row.title, "group": row.group, "definition": row.definition,
+        "values": {metric: spread(cell.get(metric) for cell in numbers.values()) for metric in metrics},
+        "absent": "; ".join(sorted(reasons)) if not numbers else "",
+        "partly": "; ".join(sorted(reasons)) if numbers else "",
+    }  # fmt: skip
+
+
+def _separation(plans: Sequence[EvalPlan]) -> list[dict[str, Any]]:
+    """Own error of each stage over object x map, the largest marked."""
+    found: list[dict[str, Any]] = []
+    largest, worst = -1, 0.0
+    for i, one in enumerate(SEPARATIONS):
+        errors = _own_errors(plans, one.stage)
+        rmse = math.sqrt(np.mean(errors)) if errors else None
+        found.append({
+            "stage": one.stage, "definition": one.text, "psnr": spread(decibels(error) for error in errors),
+            "rmse": rmse, "n": len(errors), "largest": False,
+        })  # fmt: skip
+        if rmse is not None and rmse > worst:
+            largest, worst = i, rmse
+    if largest >= 0:
+        found[largest]["largest"] = True
+    return found
+
+
+def _own_errors(plans: Sequence[EvalPlan], stage: str) -> list[float]:
+    """Mean squared display error of a stage alone, for every shot and map that has it."""
+    errors = []
+    for plan in plans:
+        for name, _ in plan.subject.maps:
+            parts = [facts["separation"] for facts in _facts(plan, name, ("judge",))]
+            frames = [part[stage] for part in parts if stage in part]
+            errors += [float(np.mean(frames))] if frames else []
+    return errors
+
+
+def _material(plans: Sequence[EvalPlan]) -> dict[str, Any]:
+    """Errors of materials and flow by shot, and over all shots."""
+    shots: dict[str, Any] = {}
+    for plan in plans:
+        record = plan.session.book.find("material", plan.frames[0])
+        if record is not None:
+            shots[plan.subject.name] = {
+                k: record.facts[k] for k in ("material", "flow", "sparsification") if k in record.facts
+            }
+    planes = {
+        plane: {
+            source: _spreads([s["material"][plane][source] for s in shots.values()]) for source in ("observed", "own")
+        }
+        for plane in ("roughness", "metallic")
+    }
+    return {"shots": shots, "mean": planes, "flow": _spreads([s["flow"] for s in shots.values() if "flow" in s])}
+
+
+def _film(plans: Sequence[EvalPlan]) -> dict[str, Any]:
+    """Numbers of films by "shot / map", and over all of them."""
+    films: dict[str, Any] = {}
+    for plan in plans:
+        for name, _ in plan.subject.maps:
+            record = plan.session.book.find(f"film.{name}", plan.frames[0])
+            if record is not None and plan.filmed(name):
+                films[f"{plan.subject.name} / {name}"] = record.facts["film"]
+    rows = ("unregularised", "full", "truth")
+    return {"films": films, "mean": {row: _spreads([film[row] for film in films.values()]) for row in rows}}
+
+
+def _spreads(columns: Sequence[Mapping[str, float]]) -> dict[str, dict[str, float]]:
+    metrics = dict.fromkeys(metric for column in columns for metric in column)
+    return {metric: spread(column.get(metric) for column in columns) for metric in metrics}
+
+
+def _worst(plans: Sequence[EvalPlan], cells: Cells) -> list[dict[str, Any]]:
+    """Every shot and map with its strip, lowest PSNR first: of Full, or of Full with true materials if that is all."""
+    shown = "full" if cells.get("full") else "full_true"
+    found = []
+    for plan in plans:
+        for name, _ in plan.subject.maps:
+            cell, judged = f"{plan.subject.name} / {name}", plan.judged(name)
+            if cell in cells.get(shown, {}):
+                strip = f"shots/{plan.subject.name}/out/pictures/{name}.{judged[len(judged) // 2]:04d}.jpg"
+                found.append({"cell": cell, "row": shown, "picture": strip, "psnr": cells[shown][cell]["psnr"]})
+    return sorted(found, key=lambda one: one["psnr"])
+
+
+def _finite(value: Any) -> Any:
+    """The same document with None for numbers that JSON has no word for."""
+    if isinstance(value, Mapping):
+        return {k: _finite(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(v) for v in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,207 @@
+"""The document as tables: the same cells for Markdown, terminal and page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from yesnt.evaluation.margins import PAPER, PAPER_FILM
+from yesnt.metrics.definitions import DEFINITIONS
+
+MAIN = (
+    "psnr", "psnr_whole", "ssim", "ssim_whole", "flip", "flip_whole", "hdr_flip", "stlpips", "stlpips_matte", "lpips",
+    "lpips_matte",
+)  # fmt: skip
+ALIGNED = (
+    "psnr_linear", "psnr_linear_aligned", "psnr_aligned", "ssim_aligned", "flip_aligned", "stlpips_aligned",
+    "lpips_aligned",
+)  # fmt: skip
+QUICK = ("psnr", "psnr_aligned", "psnr_linear", "ssim", "ssim_whole", "flip")
+FILM = ("psnr_frames", "tpsnr_diff", "tpsnr_warp", "ppl", "tlp")
+MATERIAL = ("rmse", "bias", "constant_rmse", "auc", "spearman", "ause")
+FLOW = ("epe", "occlusion_precision", "occlusion_recall")
+
+
+@dataclass(frozen=True)
+class Table:
+    """Texts of a table, and the definitions that belong beside it.
+
+    Attributes:
+        title: heading.
+        header: column titles.
+        lines: rows of texts.
+        notes: definitions, one a line.
+    """
+
+    title: str
+    header: tuple[str, ...]
+    lines: tuple[tuple[str, ...], ...]
+    notes: tuple[str, ...]
+
+
+def tables(document: Mapping[str, Any]) -> tuple[Table, ...]:
+    """Every table of the document, the main one first."""
+    return tuple(
+        table
+        for table in (
+            _rows(document, "table", "Accuracy, mean ± std over object x map", MAIN),
+            _margins(document),
+            _separation(document),
+            _rows(
+                document, "table", "Accuracy in linear light, and with each channel scaled to the truth", ALIGNED, False
+            ),
+            _rows(document, "ladder", "The ladder of relighting, mean ± std over object x map", QUICK),
+            _film(document),
+            _materials(document),
+            _flow(document),
+        )
+        if table.lines
+    )
+
+
+def as_markdown(document: Mapping[str, Any]) -> str:
+    """All tables and their definitions as Markdown."""
+    parts = [f"# Evaluation of {document.get('folder', 'a set')}", headline(document)]
+    for table in tables(document):
+        parts.append(f"## {table.title}")
+        lines = [table.header, tuple("---" for _ in table.header), *table.lines]
+        parts.append("\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines))
+        parts.append("\n".join(f"- {note}" for note in table.notes))
+    return "\n\n".join(parts) + "\n"
+
+
+def headline(document: Mapping[str, Any]) -> str:
+    """What was measured and which stage has the largest error, in a few sentences."""
+    shots = document["shots"]
+    cells = sum(len(shot["maps"]) for shot in shots)
+    sizes = sorted({f"{shot['width']}x{shot['height']}" for shot in shots})
+    parts = [f"{len(shots)} shots, {cells} pairs of object and map, {', '.join(sizes)}, quality {shots[0]['quality']}."]
+    largest = next((one for one in document["separation"] if one["largest"]), None)
+    if largest:
+        parts.append(
+            f"Largest error: {largest['stage']} (display RMSE {largest['rmse']:.4f}; {largest['definition']})."
+        )
+    lacking = sorted({shot["lacking"] for shot in shots if shot["lacking"]})
+    return " ".join([*parts, *(f"Not measured: {reason}." for reason in lacking)])
+
+
+def number(metric: str, value: Mapping[str, float] | float | None) -> str:
+    """`30.19 ± 2.40`, or `-` where there is none."""
+    digits = DEFINITIONS[metric].digits
+    if isinstance(value, Mapping):
+        return f"{value['mean']:.{digits}f} ± {value['std']:.{digits}f}" if value.get("n") else "-"
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+def _titles(metrics: Sequence[str]) -> tuple[str, ...]:
+    arrows = {"higher": " ↑", "lower": " ↓", "zero": " →0", "neither": ""}
+    return tuple(DEFINITIONS[m].title + arrows[DEFINITIONS[m].better] for m in metrics)
+
+
+def _notes(metrics: Sequence[str]) -> tuple[str, ...]:
+    return tuple(f"{DEFINITIONS[m].title} [{DEFINITIONS[m].unit}]: {DEFINITIONS[m].text}" for m in metrics)
+
+
+def _rows(document: Mapping[str, Any], group: str, title: str, wanted: Sequence[str], explained: bool = True) -> Table:
+    """Rows of a group; those that could not be measured say why, where `explained`, with every row's definition."""
+    rows = [row for row in document["rows"] if row["group"] == group]
+    metrics = [m for m in wanted if any(row["values"].get(m, {}).get("n") for row in rows)]
+    lines, notes = [], []
+    for row in rows:
+        cells = [number(m, row["values"].get(m)) for m in metrics]
+        lines.append((row["title"], *_paper(group, row["name"]), *cells))
+        reason = row["absent"] or row["partly"]
+        notes.append(f"{row['title']}: {row['definition']}" + (f". Not measured ({reason})" if reason else ""))
+    if group == "table":
+        notes += _constants(document)
+    paper = ("paper: PSNR / SSIM",) if group == "table" else ()
+    known = tuple(notes) if explained else ()
+    return Table(title, ("row", *paper, *_titles(metrics)), tuple(lines), (*known, *_notes(metrics)))
+
+
+def _paper(group: str, name: str) -> tuple[str, ...]:
+    if group != "table":
+        return ()
+    return (" / ".join(f"{value}" for value in PAPER.get(name, {}).values()) or "-",)
+
+
+def _constants(document: Mapping[str, Any]) -> list[str]:
+    texts = []
+    for shot, rows in document["constants"].items():
+        pair = rows["no_decomposition_each"]
+        texts.append(f"{shot} {pair[0]:g}, {pair[1]:g}")
+    whole = next(iter(document["constants"].values()))["no_decomposition"]
+    return [
+        f"Best constant of the set: roughness {whole[0]:g}, metallic {whole[1]:g}; per shot: {'; '.join(texts)} "
+        "(grid search with few directions at one pixel in nine)"
+    ]
+
+
+def _margins(document: Mapping[str, Any]) -> Table:
+    words = {True: "holds", False: "does not hold", None: "not measured"}
+    lines = [
+        (
+            m["title"],
+            f"{m['least']:g}",
+            "-" if m["measured"] is None else f"{m['measured']:.4g}",
+            words[m["holds"]],
+            m["why"],
+        )
+        for m in document["margins"]
+    ]
+    note = "A margin is the mean difference over the pairs of object and map that both rows have."
+    return Table("The paper's margins", ("margin", "at least", "measured", "", "why"), tuple(lines), (note,))
+
+
+def _separation(document: Mapping[str, Any]) -> Table:
+    lines = [
+        (
+            one["stage"] + (" (largest)" if one["largest"] else ""),
+            number("psnr", one["psnr"]),
+            f"{one['rmse']:.4f}",
+            str(one["n"]),
+        )
+        for one in document["separation"]
+        if one["rmse"] is not None
+    ]
+    notes = tuple(f"{one['stage']}: {one['definition']}" for one in document["separation"])
+    head = ("stage alone, truth in all others", "PSNR ↑", "RMSE ↓", "pairs")
+    return Table(
+        "Each stage's own error", head, tuple(lines), (*notes, "PSNR and RMSE of display values inside the matte")
+    )
+
+
+def _film(document: Mapping[str, Any]) -> Table:
+    titles = {"unregularised": "without temporal regularisation", "full": "Full", "truth": "the truth itself"}
+    mean = document["film"]["mean"]
+    metrics = [m for m in FILM if any(m in mean[row] for row in titles)]
+    lines = [
+        (
+            title,
+            " / ".join(f"{v}" for v in PAPER_FILM.get(row, {}).values()) or "-",
+            *(number(m, mean[row].get(m)) for m in metrics),
+        )
+        for row, title in titles.items()
+        if mean[row]
+    ]
+    note = "The paper defines neither its tPSNR nor the network of its PPL: its column is not comparable in value"
+    return Table("Films", ("row", "paper: tPSNR / PPL", *_titles(metrics)), tuple(lines), (*_notes(metrics), note))
+
+
+def _materials(document: Mapping[str, Any]) -> Table:
+    titles = {"observed": "ensemble's mean", "own": "after the temporal solve"}
+    lines = [
+        (f"{plane}, {titles[source]}", *(number(m, numbers.get(m)) for m in MATERIAL))
+        for plane, sources in document["material"]["mean"].items()
+        for source, numbers in sources.items()
+        if numbers
+    ]
+    return Table("Materials, mean ± std over shots", ("plane", *_titles(MATERIAL)), tuple(lines), _notes(MATERIAL))
+
+
+def _flow(document: Mapping[str, Any]) -> Table:
+    numbers = document["material"]["flow"]
+    lines = [("our flow", *(number(m, numbers.get(m)) for m in FLOW))] if numbers else []
+    seen = "A point is truly seen if the next frame has the same depth (to 3 %) and coverage where true flow leads"
+    return Table("Flow, mean ± std over shots", ("", *_titles(FLOW)), tuple(lines), (*_notes(FLOW), seen))

@@ -1,0 +1,32 @@
+"""The one function that workers call: the product's stages as ever, the evaluation's own beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from yesnt.cluster import pin_threads
+from yesnt.evaluation.film import exact, film, material
+from yesnt.evaluation.judge import judge, search
+from yesnt.graph import Node
+from yesnt.shot import Job
+from yesnt.tasks import run_node
+from yesnt.workspace import Workspace
+
+TASKS: dict[str, Callable[[Workspace], None]] = {
+    "exact": exact, "material": material, "search": search, "judge": judge, "flat": judge, "film": film,
+}  # fmt: skip
+"""The evaluation's stages; `judge.MAP` is the stage `judge` of one map."""
+
+
+def run_evaluation_node(job: Job, node: Node) -> dict[str, Any]:
+    """Runs one node on a worker; doing it twice, or after a kill, gives the same records."""
+    task = TASKS.get(node.stage.partition(".")[0])
+    if task is None:
+        return run_node(job, node)
+    pin_threads()
+    space = Workspace(job, node)
+    with space.logged():
+        if space.pending():
+            task(space)
+    return space.receipt()

@@ -94,8 +94,8 @@ def response(sums: F32, pixels: Pixels, brdf: str) -> Response:
 def normalise(sums: F32, pixels: Pixels, part: slice) -> F32:
     """Rescales each lobe so that uniform white gives its exact albedo, [P, 20].
 
-    The sum then is a mean of the light, weighted by the lobe, times a tabulated integral: a lobe narrower than the texels
-    sees the texel that it points at instead of all or nothing of it, and a white furnace stays white at any resolution.
+    The sum then is a mean of the light, weighted by the lobe, times a tabulated integral: a lobe narrower than the
+    texels sees the texel that it points at instead of all or nothing of it, and a white furnace stays white.
     """
     tables, roughness, cos_o = albedo_tables(), pixels.roughness[part], pixels.cos_o[part]
     white, dielectric, schlick = (

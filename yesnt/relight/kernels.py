@@ -18,6 +18,7 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
+from yesnt.color import LUMINANCE_REC709
 from yesnt.relight.brdf import COS_MIN, dielectric_fresnel
 from yesnt.relight.lights import BLOCK, PreparedLight
 
@@ -77,27 +78,20 @@ def sum_lobes(
         filtered: widen each lobe by each texel's own size, so that none falls between texels; False: plain samples.
 
     Returns:
-        [P, 20]: irradiance, dielectric, F0 and F90 parts of the metallic lobe (RGB each), then the four sums of the open
-        luminance and of uniform white.
+        [P, 20]: irradiance, dielectric, F0 and F90 parts of the metallic lobe (RGB each), then the four sums of the
+        open luminance and of uniform white.
     """
     count = points.alpha.shape[0]
     out = np.zeros((count, COLUMNS), dtype=np.float32)
     if count:
         empty = np.zeros((0, 0), dtype=np.float32)
         glow = np.zeros((3, 0, 0), dtype=np.float32) if bounce is None else bounce
+        weights = np.asarray(LUMINANCE_REC709, dtype=np.float32)
         widen = light.spread if filtered else np.zeros_like(light.spread)
-        weights = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)
         _sum_lobes(
             (points.normal, points.view, points.alpha, points.dielectric, points.metal),
-            (
-                light.direction,
-                light.energy,
-                weights @ light.energy,
-                light.solid_angle,
-                light.cluster_of,
-                light.cone,
-                widen,
-            ),
+            (light.direction, light.energy, weights @ light.energy, light.solid_angle, light.cluster_of, widen),
+            (light.cone, light.cluster_cone, light.coarse_start, light.fine_start, _sharp_below(light, filtered)),
             empty if visible is None else visible,
             glow,
             out,
@@ -105,19 +99,62 @@ def sum_lobes(
     return out
 
 
+def _sharp_below(light: PreparedLight, filtered: bool) -> np.float32:
+    """alpha_ggx below which a lobe takes the fine cells: 0.12 for 2,048 texels (errors: docs/relight.md)."""
+    texels = int(light.coarse_start[-1])
+    fine = filtered and light.direction.shape[1] > texels
+    return np.float32(0.12 * math.sqrt(2048 / texels) if fine else 0.0)
+
+
 @njit(cache=True, parallel=True, fastmath=True, error_model="numpy")
-def _sum_lobes(points, light, visible, bounce, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _sum_lobes(points, light, cuts, visible, bounce, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     normal, view, alpha, dielectric, metal = points
     count = alpha.shape[0]
     for group in prange((count + _GROUP - 1) // _GROUP):
         lit = np.empty(light[1].shape, dtype=np.float32)
+        ranges = np.empty((max(cuts[0].shape[1], cuts[1].shape[1]), 2), dtype=np.int32)
         frame = np.empty(11, dtype=np.float32)
         for p in range(group * _GROUP, min(count, (group + 1) * _GROUP)):
             _frame(normal[0, p], normal[1, p], normal[2, p], view[0, p], view[1, p], view[2, p], frame)
+            used = _sharp_ranges(frame, alpha[p], cuts, ranges) if alpha[p] < cuts[4] else _ranges(frame, cuts, ranges)
             if dielectric[p]:
-                _dielectric_lobe(p, frame, alpha[p], light, visible, bounce, lit, out[p])
+                _dielectric_lobe(p, frame, alpha[p], light, ranges[:used], visible, bounce, lit, out[p])
             if metal[p]:
-                _metal_lobe(p, frame, alpha[p], light, visible, bounce, lit, out[p])
+                _metal_lobe(p, frame, alpha[p], light, ranges[:used], visible, bounce, lit, out[p])
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def _ranges(frame, cuts, ranges):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Ranges of texels that are not wholly below the horizon: how many were written."""
+    cone, texels = cuts[0], cuts[2][-1]
+    used = 0
+    for block in range(cone.shape[1]):
+        if cone[0, block] * frame[0] + cone[1, block] * frame[1] + cone[2, block] * frame[2] > -cone[3, block]:
+            ranges[used, 0], ranges[used, 1] = block * BLOCK, min((block + 1) * BLOCK, texels)
+            used += 1
+    return used
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def _sharp_ranges(frame, alpha, cuts, ranges):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """As `_ranges`, but one a cluster, with the cells of the fine grid where the cluster meets the lobe's core."""
+    cone, coarse, fine = cuts[1], cuts[2], cuts[3]
+    margin = min(np.float32(0.1) + np.float32(6.0) * alpha, np.float32(1.5))
+    cos_m, sin_m = math.cos(margin), math.sin(margin)
+    nv, tv = frame[9], frame[10]
+    mx, my, mz = nv * frame[0] - tv * frame[3], nv * frame[1] - tv * frame[4], nv * frame[2] - tv * frame[5]
+    used = 0
+    for c in range(cone.shape[1]):
+        x, y, z, reach = cone[0, c], cone[1, c], cone[2, c], cone[3, c]
+        if x * frame[0] + y * frame[1] + z * frame[2] <= -reach:
+            continue
+        near = reach > _ONE
+        if not near:
+            near = x * mx + y * my + z * mz > cos_m * math.sqrt(max(_ONE - reach * reach, _ZERO)) - sin_m * reach
+        ranges[used, 0] = fine[c] if near else coarse[c]
+        ranges[used, 1] = fine[c + 1] if near else coarse[c + 1]
+        used += 1
+    return used
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
@@ -172,9 +209,9 @@ def _frame(nx, ny, nz, vx, vy, vz, frame):  # type: ignore[no-untyped-def]  # no
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def _dielectric_lobe(p, frame, alpha, light, visible, bounce, lit, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _dielectric_lobe(p, frame, alpha, light, ranges, visible, bounce, lit, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     direction, energy, luminance, solid = light[0], light[1], light[2], light[3]
-    cone, widen = light[5], light[6]
+    widen = light[5]
     nx, ny, nz, tx, ty, tz = frame[0], frame[1], frame[2], frame[3], frame[4], frame[5]
     bx, by, bz, nv, tv = frame[6], frame[7], frame[8], frame[9], frame[10]
     a2 = alpha * alpha
@@ -182,10 +219,8 @@ def _dielectric_lobe(p, frame, alpha, light, visible, bounce, lit, out):  # type
     smith_o = math.sqrt(nv * nv * rest + a2)
     e0 = e1 = e2 = s0 = s1 = s2 = eu = su = ew = sw = _ZERO
     dx, dy, dz = direction[0], direction[1], direction[2]
-    for block in range(cone.shape[1]):
-        if cone[0, block] * nx + cone[1, block] * ny + cone[2, block] * nz <= -cone[3, block]:
-            continue  # the whole block lies below the horizon
-        first, last = block * BLOCK, min((block + 1) * BLOCK, dx.shape[0])
+    for i in range(ranges.shape[0]):
+        first, last = ranges[i, 0], ranges[i, 1]
         here = lit if _occlude(p, first, last, light, visible, bounce, lit) else energy
         r, g, b = here[0], here[1], here[2]
         for t in range(first, last):
@@ -218,9 +253,9 @@ def _dielectric_lobe(p, frame, alpha, light, visible, bounce, lit, out):  # type
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def _metal_lobe(p, frame, alpha, light, visible, bounce, lit, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _metal_lobe(p, frame, alpha, light, ranges, visible, bounce, lit, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     direction, energy, luminance, solid = light[0], light[1], light[2], light[3]
-    cone, widen = light[5], light[6]
+    widen = light[5]
     nx, ny, nz, tx, ty, tz = frame[0], frame[1], frame[2], frame[3], frame[4], frame[5]
     bx, by, bz, nv, tv = frame[6], frame[7], frame[8], frame[9], frame[10]
     a2 = alpha * alpha
@@ -228,10 +263,8 @@ def _metal_lobe(p, frame, alpha, light, visible, bounce, lit, out):  # type: ign
     smith_o = math.sqrt(nv * nv * rest + a2)
     e0 = e1 = e2 = s0 = s1 = s2 = f0 = f1 = f2 = eu = su = fu = ew = sw = fw = _ZERO
     dx, dy, dz = direction[0], direction[1], direction[2]
-    for block in range(cone.shape[1]):
-        if cone[0, block] * nx + cone[1, block] * ny + cone[2, block] * nz <= -cone[3, block]:
-            continue  # the whole block lies below the horizon
-        first, last = block * BLOCK, min((block + 1) * BLOCK, dx.shape[0])
+    for i in range(ranges.shape[0]):
+        first, last = ranges[i, 0], ranges[i, 1]
         here = lit if _occlude(p, first, last, light, visible, bounce, lit) else energy
         r, g, b = here[0], here[1], here[2]
         for t in range(first, last):

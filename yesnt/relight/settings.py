@@ -21,7 +21,6 @@ class RelightSettings:
         base_color: "capture_removed" inverts the capture light out of the plate; "plate" is the paper's choice.
         brdf: "default" matches Cycles' Principled; "paper" is the plain formula of method.md section 5.
         shadows: True: one visibility per light cluster; "single": the paper's one factor; False: none.
-        method: "sum" over the map's texels; "prefiltered": irradiance and filtered specular looked up.
         texels: directions of the light that relights, dense where it is bright.
         capture_texels: directions of the capture light.
         rows: rows of the finest grid that texels are cut from.
@@ -39,7 +38,6 @@ class RelightSettings:
     base_color: BaseColor = "capture_removed"
     brdf: Brdf = "default"
     shadows: Shadows = True
-    method: Literal["sum", "prefiltered"] = "sum"
     texels: int = 2048
     capture_texels: int = 512
     rows: int = 128
@@ -58,7 +56,6 @@ class RelightSettings:
             ("base_color", ("capture_removed", "plate")),
             ("brdf", ("default", "paper")),
             ("shadows", (True, False, "single")),
-            ("method", ("sum", "prefiltered")),
         )
         for name, allowed in choices:
             _require(getattr(self, name) in allowed, name, getattr(self, name), f"one of {allowed}")

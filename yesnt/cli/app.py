@@ -158,6 +158,15 @@ def verify(
 
 
 @app.command()
+def report(shot: ShotArgument) -> None:
+    """Write a self-contained page about the run: strips, slices through time, times, timeline."""
+    from yesnt.report import write_report
+    from yesnt.session import Session
+
+    print(f"Report: {write_report(Session(shot))}")
+
+
+@app.command()
 def doctor(json: JsonOption = False) -> int:
     """Show versions, threads, security floors, scratch speed, and optional parts."""
     from yesnt.doctor import examine
@@ -211,8 +220,11 @@ def _print_result(session: object, warnings: list[str], missing: list[dict[str, 
         print(f"Warning: {warning}")
     for row in missing:
         print(f"Missing: frame {row['frame']} of {row['stage']}: {row['why']}")
+    from yesnt.report import write_report
+
     output = session.output
     print(f"EXR sequence: {output.exr}")
     print(f"Preview:      {output.run / 'preview.mp4'} and contact_sheet.png")
+    print(f"Report:       {write_report(session)}")
     if missing:
         print("Some frames are missing; `yesnt retry SHOT` tries them again.")

@@ -1,0 +1,87 @@
+"""The pictures of the report: a strip through the stages, slices through time, where the ensemble was unsure."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yesnt.color import srgb_encode
+from yesnt.errors import YesntError
+from yesnt.io.capture import read_plate
+from yesnt.io.exr import read_image
+from yesnt.io.store import FrameStore
+from yesnt.session import Session
+
+STRIP_FRAMES = 3
+
+Float32 = NDArray[np.float32]
+
+
+def draw(session: Session) -> dict[str, bytes]:
+    """PNG bytes by name; a picture whose stage is not done is left out."""
+    pictures: dict[str, bytes] = {}
+    sheet = session.output.run / "contact_sheet.png"
+    if sheet.exists():
+        pictures["sheet"] = sheet.read_bytes()
+    delivered = [f for f in session.job.frames if session.output.exr_path(session.job.shot.name, f).exists()]
+    chosen = delivered[:: max(1, len(delivered) // STRIP_FRAMES)][:STRIP_FRAMES]
+    if chosen:
+        pictures["strip"] = png(np.concatenate([_strip(session, frame) for frame in chosen], axis=0))
+    slices = _slices(session)
+    if slices is not None:
+        pictures["slices"] = png(slices)
+    return pictures
+
+
+def png(picture: Float32) -> bytes:
+    """A display-referred picture [H, W, 3] in [0, 1] as PNG."""
+    import cv2
+
+    done, data = cv2.imencode(".png", (np.clip(picture, 0, 1) * 255 + 0.5).astype(np.uint8)[..., ::-1])
+    assert done
+    return bytes(data.tobytes())
+
+
+def _strip(session: Session, frame: int) -> Float32:
+    """Plate, roughness, metallic, spread, relit, composite of one frame side by side."""
+    plate = read_plate(session.job, frame)
+    image = read_image(session.output.exr_path(session.job.shot.name, frame))
+    panels = [
+        srgb_encode(plate.color * plate.matte[..., None]),
+        *(_grey(image.channels[name]) for name in ("roughness.Y", "metallic.Y")),
+        _grey(2 * image.channels["roughness_std.Y"]),
+        srgb_encode(image.stack([f"relit.{c}" for c in "RGB"])),
+        srgb_encode(image.stack("RGB")),
+    ]
+    return np.concatenate(panels, axis=1).astype(np.float32)
+
+
+def _slices(session: Session) -> Float32 | None:
+    """One row of roughness over time, before and after the solver: flicker is vertical stripes' raggedness."""
+    store, frames = FrameStore(session.output.store), session.job.frames
+    try:
+        before = [
+            store.read("observed", session.job.position(f), _digest(session, "decompose", "observed", f))
+            for f in frames
+        ]
+        after = [
+            store.read("material", session.job.position(f), _digest(session, "solve", "material", f)) for f in frames
+        ]
+    except (YesntError, KeyError, OSError):
+        return None
+    row = session.job.height * 2 // 5
+    rows = [np.stack([frame[0, row] for frame in series]) for series in (before, after)]
+    thick = [np.repeat(picture, max(1, 96 // len(frames)), axis=0) for picture in rows]
+    gap = np.ones((4, session.job.width), np.float32)
+    return _grey(np.concatenate([thick[0], gap, thick[1]]))
+
+
+def _digest(session: Session, stage: str, array: str, frame: int) -> str:
+    record = session.book.find(stage, frame)
+    if record is None:
+        raise KeyError(stage, frame)
+    return record.arrays[array]
+
+
+def _grey(plane: NDArray[np.floating]) -> Float32:
+    return np.repeat(np.clip(plane, 0, 1)[..., None], 3, axis=-1).astype(np.float32)

@@ -80,13 +80,12 @@ def _why(margin: Margin, full: float, rows: Mapping[str, Any], document: Mapping
     parts = []
     if ceiling is not None and ceiling < margin.least:
         parts.append(
-            f"even with true materials it is {ceiling:.4g}: the shortfall is not the decomposition's alone, relighting or "
-            "the set leaves no more room"
+            f"even with true materials it is {ceiling:.4g}: relighting, or the set itself, leaves no more room"
         )
     elif ceiling is not None:
         parts.append(
             f"with true materials it is {ceiling:.4g} and would hold: the decomposition costs {ceiling - full:.3g}"
         )
     if largest is not None:
-        parts.append(f"the largest error is {largest['stage']} (display RMSE {largest['rmse']:.3f})")
+        parts.append(f"largest error: {largest['stage']} (RMSE {largest['rmse']:.3f})")
     return "; ".join(parts)

@@ -1,0 +1,156 @@
+"""The evaluation of a shot whose answers are known, in this process."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from tests.evaluation.conftest import rgb
+from yesnt.errors import UsageError
+from yesnt.evaluation.rows import ROWS
+from yesnt.evaluation.run import EvalOptions, run_evaluation
+from yesnt.io.exr import read_image, write_exr
+
+HERE = EvalOptions(workers=0)
+
+
+def psnr(result, row, cell="ball / noon"):
+    return result.document["cells"][row][cell]["psnr"]
+
+
+def test_rows_stand_in_the_order_that_they_must(evaluated):
+    result = evaluated[2]
+    assert psnr(result, "full_true") > 45  # same kernels, same lights: only the recovered base colour differs
+    assert psnr(result, "no_relighting") < psnr(result, "no_decomposition") < psnr(result, "full")
+    assert psnr(result, "unregularised") < psnr(result, "full") < psnr(result, "full_true")
+    assert psnr(result, "no_decomposition") <= psnr(result, "no_decomposition_each") + 1e-9
+
+
+def test_full_is_the_last_step_of_the_ladder(evaluated):
+    cells = evaluated[2].document["cells"]
+    for own, last in (("full", "bounce_own"), ("full_true", "bounce_true")):
+        assert cells[own]["ball / dusk"]["psnr"] == cells[last]["ball / dusk"]["psnr"]
+
+
+def test_every_row_has_numbers_or_says_why_not(evaluated):
+    document = evaluated[2].document
+    assert {row["name"] for row in document["rows"]} == {r.name for r in ROWS.values() if r.group != "separation"}
+    for row in document["rows"]:
+        assert bool(row["values"]) != bool(row["absent"])
+    blender = next(row for row in document["rows"] if row["name"] == "blender_proxy")
+    assert "proxy_dusk.1001.exr: not rendered" in blender["absent"]
+
+
+def test_the_noise_of_the_passes_is_found_to_be_the_largest_error(evaluated):
+    found = {one["stage"]: one for one in evaluated[2].document["separation"]}
+    assert found["decomposition"]["largest"]
+    assert found["light transport"]["rmse"] < 1e-3
+    assert found["flow"]["rmse"] is not None
+    assert sum(one["largest"] for one in found.values()) == 1
+
+
+def test_the_spread_of_honest_noise_is_calibrated(evaluated):
+    roughness = evaluated[2].document["material"]["mean"]["roughness"]
+    assert roughness["observed"]["spearman"]["mean"] > 0.2
+    assert roughness["observed"]["ause"]["mean"] < 0.5
+    assert roughness["own"]["rmse"]["mean"] < roughness["observed"]["rmse"]["mean"]
+
+
+def test_regularisation_shows_in_the_film(evaluated):
+    film = evaluated[2].document["film"]["mean"]
+    assert film["full"]["tpsnr_diff"]["mean"] > film["unregularised"]["tpsnr_diff"]["mean"]
+    assert film["full"]["tpsnr_warp"]["mean"] > film["unregularised"]["tpsnr_warp"]["mean"]
+
+
+def test_every_number_has_its_definition_and_json_has_no_infinities(evaluated):
+    document = json.loads(evaluated[2].json.read_text(), parse_constant=pytest.fail)
+    for row in document["rows"]:
+        assert set(row["values"]) <= set(document["definitions"])
+
+
+def test_margins_are_told_apart(evaluated):
+    margins = {m["title"]: m for m in evaluated[2].document["margins"]}
+    missing = margins["Full over the proxy mesh in Blender, PSNR"]
+    assert missing["holds"] is None
+    assert "Proxy mesh relit in Blender" in missing["why"]
+    held = margins["Full over No Relighting, PSNR"]
+    assert held["holds"] == (held["measured"] >= 7.35)
+    assert held["holds"] or "largest error" in held["why"]
+
+
+def test_page_and_markdown_stand_alone(evaluated):
+    result = evaluated[2]
+    page, text = result.page.read_text(), result.markdown.read_text()
+    assert page.count("data:image/jpeg;base64") == 2
+    assert "http" not in page
+    assert "Largest error: decomposition" in page
+    assert " ± " in text
+    assert text.count("10 log10(1 / MSE)") >= 1
+    worst = [one["psnr"] for one in result.document["worst"]]
+    assert worst == sorted(worst)
+
+
+def test_a_second_run_does_nothing_and_a_new_truth_redoes_its_map_alone(shot, tmp_path):
+    ran = []
+
+    def listen(event):
+        ran.extend([event["stage"]] if event["event"] == "done" else [])
+
+    first = run_evaluation(shot, tmp_path / "out", HERE, listen)
+    assert "judge.noon" in ran
+    ran.clear()
+    again = run_evaluation(shot, tmp_path / "out", HERE, listen)
+    assert ran == []
+    assert again.document["cells"] == first.document["cells"]
+
+    path = shot / "truth" / "relit_noon.1001.exr"
+    picture = read_image(path).stack("RGBA")
+    write_exr(path, {**rgb(picture[..., :3] * 0.9), "A": picture[..., 3]})
+    changed = _fresh(run_evaluation, shot, tmp_path / "out", listen)
+    assert ran
+    assert all("dusk" not in stage for stage in ran)
+    assert changed.document["cells"]["full"] != first.document["cells"]["full"]
+
+
+def test_blenders_row_appears_when_it_is_rendered(shot, tmp_path):
+    options = EvalOptions(maps=("dusk",), thorough=1, workers=0)
+    for frame in (1001, 1002):
+        (shot / "truth" / f"proxy_dusk.{frame}.exr").write_bytes((shot / f"truth/relit_dusk.{frame}.exr").read_bytes())
+    result = run_evaluation(shot, tmp_path / "out", options)
+    assert result.document["cells"]["blender_proxy"]["ball / dusk"]["ssim"] == pytest.approx(1)
+    assert all("noon" not in cell for cell in result.document["cells"]["full"])
+
+
+def test_without_weights_the_rest_is_measured(shot, tmp_path):
+    text = (shot / "shot.yaml").read_text().replace("path: passes.####.exr", "weights: nowhere.safetensors")
+    (shot / "shot.yaml").write_text(text)
+    result = run_evaluation(shot, tmp_path / "out", EvalOptions(maps=("dusk",), thorough=1, workers=0))
+    rows = {row["name"]: row for row in result.document["rows"]}
+    assert "no decomposition: the weights" in rows["full"]["absent"]
+    assert rows["full_true"]["values"]["psnr"]["n"] == 1
+    assert math.isfinite(result.document["worst"][0]["psnr"])
+
+
+def test_a_folder_without_truth_is_refused(tmp_path, shot):
+    with pytest.raises(UsageError, match="no shot with truth"):
+        run_evaluation(tmp_path / "empty", tmp_path / "out", HERE)
+    with pytest.raises(UsageError, match="No shot has the map 'mars'"):
+        run_evaluation(shot, tmp_path / "out", EvalOptions(maps=("mars",), workers=0))
+
+
+@pytest.mark.slow
+def test_workers_give_the_same_numbers(evaluated, tmp_path):
+    folder, _, here = evaluated
+    there = run_evaluation(folder, tmp_path / "out", EvalOptions(workers=1))
+    assert there.failed == {}
+    assert there.document["cells"] == here.document["cells"]
+
+
+def _fresh(call, shot, output, listen):
+    """Digests of truth are remembered for the life of a process; a new run is a new process."""
+    from yesnt.evaluation import plan
+
+    plan._digest.cache_clear()
+    np.random.default_rng(0)
+    return call(shot, output, HERE, listen)

@@ -65,7 +65,7 @@ def draw_problem(seed):
     )
 
 
-def moving_pattern(frames, height, width, noise=0.08, seed=0):
+def moving_pattern(frames, height, width, noise=0.08, seed=0, speed=1.3):
     """A textured ellipse that moves by a known flow, seen through noise and 3 % outliers."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[0:height, 0:width].astype(np.float64)
@@ -73,13 +73,13 @@ def moving_pattern(frames, height, width, noise=0.08, seed=0):
     truth, matte = np.zeros(shape), np.zeros(shape, bool)
     flow = np.zeros((frames - 1, height, width, 2), np.float32)
     for t in range(frames):
-        right, down = 1.3 * t, 0.7 * np.sin(t / 5)
+        right, down = speed * t, 0.7 * np.sin(t / 5)
         column, row = x - right, y - down
-        body = (column - width * 0.5 + 0.65 * frames) / (0.3 * width), (row - height * 0.5) / (0.45 * height)
+        body = (column - width * 0.5 + 0.5 * speed * frames) / (0.3 * width), (row - height * 0.5) / (0.45 * height)
         matte[t] = body[0] ** 2 + body[1] ** 2 < 1
         steps = np.sign(np.sin(column / 7) + np.sin(row / 9))
         truth[t] = 0.5 + 0.2 * steps + 0.1 * np.sin(column / 4) * np.cos(row / 5)
-    flow[..., 0] = 1.3
+    flow[..., 0] = speed
     flow[..., 1] = np.diff(0.7 * np.sin(np.arange(frames) / 5))[:, None, None]
     std = rng.uniform(0, 0.6, shape)
     observed = truth + noise * (0.5 + 2 * std) * rng.standard_normal(shape)

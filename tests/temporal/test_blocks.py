@@ -1,6 +1,8 @@
 """Blocks with exchange equal the whole solve; halo and sweeps follow the decay formula."""
 
 import math
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -8,6 +10,8 @@ import pytest
 from yesnt.blocks import chunk_blocks, row_bands
 from yesnt.temporal import (
     Border,
+    band_rows,
+    block_bytes,
     EnergyParams,
     border_mask,
     halo_frames,
@@ -155,3 +159,39 @@ def test_vertical_reach_counts_valid_links_only():
     validity = np.ones((2, 4, 5), np.float32)
     validity[1, 2, 2] = 0
     assert vertical_reach(flow, validity) == math.ceil(3.4) + 1
+
+
+def test_a_4k_chunk_fits_2_gb_in_row_bands():
+    frames = 16 + 2 * 8 + 2
+    rows = band_rows(frames, 3840, 0.3, 2 * 10**9)
+    assert rows >= 128
+    assert block_bytes(frames, rows, 3840, 0.3) <= 2 * 10**9 < block_bytes(frames, rows + 1, 3840, 0.3)
+
+
+@pytest.mark.slow
+def test_predicted_memory_is_what_a_block_takes():
+    """In a process of its own, because a peak never falls again."""
+    script = """
+import resource
+import numpy as np
+from yesnt.temporal import Border, EnergyParams, block_bytes, border_mask, solve_block
+
+def peak():
+    return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+def run(frames, rows, width):
+    rng, shape = np.random.default_rng(0), (frames, rows, width)
+    observed = rng.random((2, *shape), dtype=np.float32)
+    matte = np.zeros(shape, bool)
+    matte[:, :, : width // 3] = True
+    flow = np.full((frames - 1, rows, width, 2), 0.3, np.float32)
+    border = Border(observed.copy(), border_mask(shape, (1, 1)))
+    solve_block(observed, np.ones_like(observed), flow, np.ones_like(flow[..., 0]), EnergyParams(), matte, border, 1e-2)
+
+run(3, 16, 30)
+before = peak()
+run(12, 96, 1920)
+print((peak() - before) / block_bytes(12, 96, 1920, 1 / 3))
+"""
+    printed = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True).stdout
+    assert 0.5 < float(printed) < 1.1

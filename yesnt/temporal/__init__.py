@@ -2,6 +2,8 @@
 
 from yesnt.temporal.blocks import (
     Border,
+    band_rows,
+    block_bytes,
     border_mask,
     halo_frames,
     largest_change,
@@ -29,6 +31,8 @@ __all__ = [
     "OutlierSettings",
     "Solution",
     "SolveStats",
+    "band_rows",
+    "block_bytes",
     "border_mask",
     "consistent_members",
     "energy",

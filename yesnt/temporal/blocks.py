@@ -28,8 +28,8 @@ from yesnt.temporal.newton import Limits, solve_newton, threads_for
 from yesnt.temporal.params import EnergyParams, Solution
 from yesnt.temporal.solver import channel_problem, check_inputs, collect_stats
 
-BYTES_PER_PIXEL = 130
-"""Peak memory of a solve per matte pixel and frame of its block, bytes, without the dense inputs (measured)."""
+BYTES_PER_PIXEL = 150
+"""Lists and work vectors of a solve, bytes per matte pixel of its block (measured: 145)."""
 
 
 @dataclass(frozen=True)
@@ -153,6 +153,25 @@ def solve_block(
         states.append(state)
     stats = collect_stats(states, 1e-4, inputs.geometry.pixels, time.perf_counter() - started)
     return Solution(value.reshape(np.shape(observed)), stats)
+
+
+def block_bytes(frames: int, rows: int, width: int, matte_share: float, channels: int = 2) -> int:
+    """Peak memory of `solve_block`, bytes, with its inputs, its border and its result, without the interpreter.
+
+    Args:
+        frames: loaded frames, halo and border included.
+        rows: loaded rows, halo and border included.
+        width: columns.
+        matte_share: share of matte pixels in what is loaded.
+        channels: channels solved together.
+    """
+    dense = 4 * (4 * channels + 3) + 2  # observed, confidence, previous value, result; flow, validity; two masks
+    return round(frames * rows * width * (dense + matte_share * BYTES_PER_PIXEL))
+
+
+def band_rows(frames: int, width: int, matte_share: float, budget: int, channels: int = 2) -> int:
+    """Rows, halo and border included, that a band of a block may load within `budget` bytes."""
+    return max(1, budget // block_bytes(frames, 1, width, matte_share, channels))
 
 
 def largest_change(value: NDArray[np.floating], previous: NDArray[np.floating]) -> float:

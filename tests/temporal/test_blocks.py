@@ -10,9 +10,9 @@ import pytest
 from yesnt.blocks import chunk_blocks, row_bands
 from yesnt.temporal import (
     Border,
+    EnergyParams,
     band_rows,
     block_bytes,
-    EnergyParams,
     border_mask,
     halo_frames,
     largest_change,

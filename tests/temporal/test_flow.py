@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from yesnt.temporal import FlowSettings, flow_and_validity
+from yesnt.temporal import FlowSettings, flow_and_validity, flow_validity
 from yesnt.temporal.flow import consistency, dense_flow, encode_grey, photometric_weight, sample_next
 
 METHODS = ("dis-fast", "dis-medium", "dis-quality", "deepflow")
@@ -100,3 +100,15 @@ def test_sampling_is_the_energys_warp():
 def test_tiny_frames_get_no_flow():
     grey = np.zeros((8, 40), np.uint8)
     assert (dense_flow(grey, grey, "dis-quality") == 0).all()
+
+
+def test_a_flow_from_elsewhere_is_trusted_where_its_sign_is_right():
+    """The true flow of the disc is valid; the same flow with the signs turned, another program's habit, is not."""
+    frames, mattes = moving_disc()
+    true = np.zeros((96, 120, 2), np.float32)
+    true[..., 0], true[..., 1] = RIGHT, DOWN
+    good = flow_validity(true, None, *frames, *mattes, FlowSettings())
+    turned = flow_validity(-true, None, *frames, *mattes, FlowSettings())
+    assert np.median(good[mattes[0]]) > 0.99
+    assert np.mean(turned[mattes[0]]) < 0.6
+    np.testing.assert_array_equal(flow_validity(true, -true, *frames, *mattes, FlowSettings()), good)

@@ -11,7 +11,7 @@ from yesnt.temporal.blocks import (
     sweeps_needed,
     vertical_reach,
 )
-from yesnt.temporal.flow import FlowSettings, flow_and_validity
+from yesnt.temporal.flow import FlowSettings, flow_and_validity, flow_validity
 from yesnt.temporal.outliers import (
     OUTLIER_HALO,
     OutlierReport,
@@ -37,6 +37,7 @@ __all__ = [
     "consistent_members",
     "energy",
     "flow_and_validity",
+    "flow_validity",
     "halo_frames",
     "largest_change",
     "robust_confidence",

@@ -58,8 +58,31 @@ def flow_and_validity(
     grey_t, grey_t1 = encode_grey(rgb_t, mask_t), encode_grey(rgb_t1, mask_t1)
     forward = dense_flow(grey_t, grey_t1, settings.method)
     backward = dense_flow(grey_t1, grey_t, settings.method)
-    validity = consistency(forward, backward, mask_t, mask_t1, settings)
-    return forward, validity * photometric_weight(forward, rgb_t, rgb_t1, mask_t, mask_t1, settings.photometric)
+    return forward, flow_validity(forward, backward, rgb_t, rgb_t1, mask_t, mask_t1, settings)
+
+
+def flow_validity(
+    forward: Single,
+    backward: Single | None,
+    rgb_t: Single,
+    rgb_t1: Single,
+    mask_t: Mask,
+    mask_t1: Mask,
+    settings: FlowSettings,
+) -> Single:
+    """Validity [H, W] in [0, 1] of a flow from anywhere, for instance a renderer or a network.
+
+    Args:
+        forward: [H, W, 2] pixels, frame t to t+1, x right and y down.
+        backward: [H, W, 2] pixels, frame t+1 to t; None where nobody delivers it: then colour alone decides.
+        rgb_t: [H, W, 3] straight linear Rec.709.
+        rgb_t1: [H, W, 3] of the next frame.
+        mask_t: [H, W] bool matte.
+        mask_t1: [H, W] bool matte of the next frame.
+        settings: thresholds.
+    """
+    weight = photometric_weight(forward, rgb_t, rgb_t1, mask_t, mask_t1, settings.photometric)
+    return weight if backward is None else weight * consistency(forward, backward, mask_t, mask_t1, settings)
 
 
 def encode_grey(rgb: Single, mask: Mask) -> NDArray[np.uint8]:
@@ -107,7 +130,7 @@ def photometric_weight(
     pixels. Occlusions and lost limbs change colour far more often than they break forward-backward consistency.
     """
     if np.isinf(scale):
-        return np.ones(mask_t.shape, np.float32)
+        return mask_t.astype(np.float32)
     here, following = (srgb_encode(rgb).astype(np.float32) for rgb in (rgb_t, rgb_t1))
     sampled, valid = sample_next(following, forward, mask_t, mask_t1)
     difference = np.where(valid, np.abs(sampled - here).max(axis=-1), 0.0)

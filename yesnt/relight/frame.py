@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -138,6 +139,14 @@ def finish_edges(relit: RelitFrame, guide: F32, surface: Surface, settings: Reli
     return replace(relit, diffuse=diffuse, specular=specular)
 
 
+def _engine(settings: RelightSettings) -> Callable[..., F32]:
+    if settings.engine == "numba":
+        return sum_lobes
+    from yesnt.relight.torch_sum import sum_lobes_torch  # torch costs seconds to import
+
+    return sum_lobes_torch
+
+
 def integrate(base: F32, pixels: Pixels, occluders: Occluders, light: PreparedLight, settings: RelightSettings) -> F32:
     """Lobe sums [P, 20] of all pixels, a tile at a time so that memory stays bounded."""
     glow = None
@@ -150,6 +159,6 @@ def integrate(base: F32, pixels: Pixels, occluders: Occluders, light: PreparedLi
         visible, bounced = occlusion(occluders, pixels, part, light, glow, settings)
         lobes = pixels.lobes(part, settings.brdf)
         plain = settings.brdf == "paper"
-        sums = sum_lobes(lobes, light, visible, bounced, filtered=not plain)
+        sums = _engine(settings)(lobes, light, visible, bounced, not plain)
         tiles.append(sums if plain else normalise(sums, pixels, part))
     return np.concatenate(tiles)

@@ -26,8 +26,8 @@ F32 = NDArray[np.float32]
 
 _GROUP = 32  # pixels that share a scratch allocation
 _COS_NODES = np.linspace(0.0, 1.0, 2001)
-_FRESNEL = np.polynomial.Polynomial.fit(_COS_NODES, dielectric_fresnel(_COS_NODES), 7).convert().coef.astype(np.float32)
-_C0, _C1, _C2, _C3, _C4, _C5, _C6, _C7 = (np.float32(c) for c in _FRESNEL)  # within 1e-3 of the exact Fresnel
+FRESNEL = np.polynomial.Polynomial.fit(_COS_NODES, dielectric_fresnel(_COS_NODES), 7).convert().coef.astype(np.float32)
+_C0, _C1, _C2, _C3, _C4, _C5, _C6, _C7 = (np.float32(c) for c in FRESNEL)  # within 1e-3 of the exact Fresnel
 _HALF = np.float32(0.5)
 _ONE = np.float32(1.0)
 _ZERO = np.float32(0.0)
@@ -91,7 +91,7 @@ def sum_lobes(
         _sum_lobes(
             (points.normal, points.view, points.alpha, points.dielectric, points.metal),
             (light.direction, light.energy, weights @ light.energy, light.solid_angle, light.cluster_of, widen),
-            (light.cone, light.cluster_cone, light.coarse_start, light.fine_start, _sharp_below(light, filtered)),
+            (light.cone, light.cluster_cone, light.coarse_start, light.fine_start, sharp_below(light, filtered)),
             empty if visible is None else visible,
             glow,
             out,
@@ -99,7 +99,7 @@ def sum_lobes(
     return out
 
 
-def _sharp_below(light: PreparedLight, filtered: bool) -> np.float32:
+def sharp_below(light: PreparedLight, filtered: bool) -> np.float32:
     """alpha_ggx below which a lobe takes the fine cells: 0.12 for 2,048 texels (errors: docs/relight.md)."""
     texels = int(light.coarse_start[-1])
     fine = filtered and light.direction.shape[1] > texels

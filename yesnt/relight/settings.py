@@ -32,6 +32,7 @@ class RelightSettings:
         offset: metres that shadow rays start in front of the surface (a decimated proxy lies off the true one).
         march_steps: samples of a view-space march, where there is no proxy.
         thickness: metres behind the depth buffer that still occlude in the march; 0: estimated from the matte.
+        engine: "numba" on the processor, "torch" on CUDA where there is one; the same results to rounding.
         tile: pixels that are shaded together; bounds memory.
     """
 
@@ -49,6 +50,7 @@ class RelightSettings:
     offset: float = 0.002
     march_steps: int = 24
     thickness: float = 0.0
+    engine: Literal["numba", "torch"] = "numba"
     tile: int = 8192
 
     def __post_init__(self) -> None:
@@ -56,6 +58,7 @@ class RelightSettings:
             ("base_color", ("capture_removed", "plate")),
             ("brdf", ("default", "paper")),
             ("shadows", (True, False, "single")),
+            ("engine", ("numba", "torch")),
         )
         for name, allowed in choices:
             _require(getattr(self, name) in allowed, name, getattr(self, name), f"one of {allowed}")

@@ -31,7 +31,7 @@ def reference(rgb, matte, gain, samples, key):
 
 def test_pointwise_model_shows_no_seams_and_spread_is_the_population_std(fake, picture):
     rgb, matte = picture
-    mean, std = decompose_frame(rgb, matte, fake(0.05), EnsembleSettings(5), 3, 1001)
+    mean, std = decompose_frame(rgb, matte, fake(0.05), EnsembleSettings(5, antithetic=False), 3, 1001)
     expected_mean, expected_std = reference(rgb, matte, 0.05, 5, (3, 1001))
     inside = matte > 0
     np.testing.assert_allclose(mean[0][inside], expected_mean[inside], atol=1e-6)
@@ -97,6 +97,17 @@ def test_noise_is_keyed_by_seed_frame_and_member(fake, picture):
     one, two = run(0, 1001, 1), run(0, 1001, 2)
     assert (one[2:] == 0).all(), "one member has no spread"
     assert (one[:2] != two[:2]).any()
+
+
+def test_opposite_members_cancel_what_is_odd_in_the_noise(fake, picture):
+    rgb, matte = picture
+    inside = matte > 0
+    mean, std = decompose_frame(rgb, matte, fake(0.05), EnsembleSettings(2), 0, 1)
+    np.testing.assert_allclose(mean[0][inside], rgb[..., 0][inside], atol=1e-6)
+    alone = decompose_frame(rgb, matte, fake(0.05), EnsembleSettings(2, antithetic=False), 0, 1)[0]
+    assert np.abs(alone[0] - rgb[..., 0])[inside].max() > 0.01
+    expected = 0.05 * np.abs(member_noise((0, 1, 0), *PatchGrid.cover(80, 70, 32, 0.25).shape, (0.0, 6.0))[1])
+    np.testing.assert_allclose(std[0][inside], expected[:80, :70][inside], atol=2e-6)
 
 
 def test_smooth_noise_planes_are_standard_normal():

@@ -92,6 +92,11 @@ class PatchGrid:
         patches = tuple(Patch(top, left, i, j) for i, top in enumerate(tops) for j, left in enumerate(lefts))
         return cls(height, width, size, patches, unit_windows(tops, size, height), unit_windows(lefts, size, width))
 
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the padded frame."""
+        return self.height, self.width
+
     def window(self, patch: Patch) -> Float32:
         """Weights [size, size] of a patch; over all patches they sum to 1 at every pixel (to 1e-6)."""
         return np.outer(self.row_windows[patch.row], self.column_windows[patch.column]).astype(np.float32)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from yesnt.decompose.backend import Backend
 from yesnt.decompose.blend import Patch, PatchGrid, PatchSum
-from yesnt.decompose.noise_planes import member_noise
+from yesnt.decompose.noise_planes import ensemble_noise
 from yesnt.decompose.settings import EnsembleSettings
 
 Float32 = NDArray[np.float32]
@@ -74,7 +74,7 @@ def estimate_frame(
     """
     picture = _Picture.prepare(rgb, matte, backend, settings)
     height, width = matte.shape
-    moments = _Moments(picture.grid.height, picture.grid.width)
+    moments = _Moments(*picture.grid.shape)
     active, total = picture.grid.covering(picture.matte), 0
     at_once = max(1, _MEMORY_FOR_MEMBERS // (4 * (len(backend.noise_sigmas) + 2) * picture.matte.size))
     for members in settings.rounds():
@@ -82,7 +82,7 @@ def estimate_frame(
         for start in range(members.start, members.stop, at_once):
             block = range(start, min(start + at_once, members.stop))
             noises = [
-                member_noise((seed, frame, k), picture.grid.height, picture.grid.width, backend.noise_sigmas)
+                ensemble_noise((seed, frame, k), picture.grid.shape, backend.noise_sigmas, settings.antithetic)
                 for k in block
             ]
             for value, weight in _draw(picture, active, noises, backend):
@@ -138,7 +138,7 @@ class _Moments:
         return self._mean, np.sqrt(np.maximum(self._squares, 0) / safe)
 
     def standard_error(self) -> NDArray[np.float64]:
-        """[2, H, W] standard error of the mean, from the unbiased variance; needs at least two members."""
+        """[2, H, W] standard error of the mean as if members were independent (pairs do better); needs two members."""
         _, std = self.mean_and_std()
         return std / np.sqrt(np.maximum(self.weight - 1, 1e-9))
 

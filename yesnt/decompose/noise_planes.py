@@ -11,6 +11,17 @@ from yesnt.noise import noise_field
 Float32 = NDArray[np.float32]
 
 
+def ensemble_noise(
+    key: tuple[int, int, int], size: tuple[int, int], sigmas: tuple[float, ...], paired: bool
+) -> Float32:
+    """Noise of member k in an ensemble; if `paired`, an odd member has the negated field of the one before it."""
+    seed, frame, member = key
+    if not paired:
+        return member_noise(key, *size, sigmas)
+    planes = member_noise((seed, frame, member - member % 2), *size, sigmas)
+    return -planes if member % 2 else planes
+
+
 def member_noise(key: tuple[int, int, int], height: int, width: int, sigmas: tuple[float, ...]) -> Float32:
     """Standard normal planes of one member; patches crop them.
 

@@ -15,12 +15,15 @@ class EnsembleSettings:
         overlap: least overlap of neighbouring patches, as a fraction of the patch's side, in [0, 1).
         tolerance: standard error of the mean (roughness or metallic, 1 = full range) at which a patch gets no more
             members; 0 draws all K everywhere.
+        antithetic: members 2j and 2j + 1 share one noise field with opposite signs. Each is as good a draw as any, but
+            what is odd in the noise leaves the mean: two members then serve the mean of roughness as well as eight.
         first: members drawn before the tolerance is looked at; then the number is doubled in every round.
     """
 
     samples: int = 8
     overlap: float = 0.25
     tolerance: float = 0.0
+    antithetic: bool = True
     first: int = 2
 
     def __post_init__(self) -> None:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import sys
 
-import click
-
 from yesnt.errors import YesntError
+
+INTERRUPTED = 130
 
 
 def main() -> None:
     """Entry point of `yesnt`; maps every end of a command to its exit status (contract.md)."""
+    import typer
+
     from yesnt.cli.app import app
     from yesnt.cli.text import print_error
 
@@ -19,10 +21,14 @@ def main() -> None:
     except YesntError as error:
         print_error(error, as_json="--json" in sys.argv)
         status = error.exit_status
-    except click.UsageError as error:
+    except (KeyboardInterrupt, typer.Abort):
+        status = INTERRUPTED
+    except Exception as error:
+        # Usage errors come from click, or from typer's own copy of it, by release: both can show themselves.
+        if not hasattr(error, "show") or not hasattr(error, "exit_code"):
+            raise
         error.show()
-        status = 2
-    except (KeyboardInterrupt, click.Abort):
+        status = error.exit_code
+    if status == INTERRUPTED:
         print("Interrupted: what is committed stays, the same command goes on from there.", file=sys.stderr)
-        status = 130
     sys.exit(status or 0)

@@ -1,0 +1,118 @@
+"""The command line as a user meets it: verbs, exit statuses, JSON, one paragraph per error."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.tiny_shot import write_tiny_shot
+
+VERBS = ("demo", "init", "plan", "run", "status", "retry", "verify", "report", "explain", "doctor")
+
+
+def yesnt(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "yesnt", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=200)
+
+
+def test_help_names_every_verb() -> None:
+    done = yesnt("--help")
+    assert done.returncode == 0
+    assert all(verb in done.stdout for verb in VERBS)
+
+
+@pytest.mark.parametrize(
+    "arguments", [(), ("bake",), ("run",), ("run", "x", "--workers", "0"), ("explain", "x", "one")]
+)
+def test_wrong_usage_is_exit_2(arguments: tuple[str, ...]) -> None:
+    done = yesnt(*arguments)
+    assert done.returncode == 2
+    assert done.stderr or done.stdout
+
+
+def test_errors_are_one_paragraph_or_one_document(tmp_path: Path) -> None:
+    done = yesnt("run", tmp_path / "absent")
+    assert done.returncode == 1
+    assert done.stderr.startswith("yesnt: The job file is missing. Where: ")
+    assert done.stderr.count("\n") == 1
+    document = json.loads(yesnt("run", tmp_path / "absent", "--json").stdout)
+    assert set(document["error"]) == {"what", "where", "expected", "do"}
+
+
+def test_init_writes_a_job_that_is_valid_and_never_overwrites(tmp_path: Path) -> None:
+    from yesnt.io.jobfile import load_shot
+
+    assert yesnt("init", tmp_path / "walk").returncode == 0
+    assert load_shot(tmp_path / "walk" / "shot.yaml").name == "walk"
+    again = yesnt("init", tmp_path / "walk")
+    assert again.returncode == 1
+    assert "There is a job file already" in again.stderr
+
+
+def test_a_shot_from_plan_to_verify(tmp_path: Path) -> None:
+    path = write_tiny_shot(tmp_path / "shot", 2)
+    plan = json.loads(yesnt("plan", path, "--json").stdout)
+    assert {row["stage"]: row["todo"] for row in plan["stages"]} == {
+        "decompose": 2, "flow": 1, "solve": 1, "relight": 2, "composite": 2, "preview": 1,
+    }  # fmt: skip
+    assert not (path.parent / "out").exists(), "plan writes nothing"
+    done = yesnt("run", path, "--workers", "1")
+    assert done.returncode == 0, done.stderr
+    assert "Frame 1002 composite done" in done.stdout
+    assert "progress 100%" in done.stdout
+    assert "Dask dashboard: http://127.0.0.1:" in done.stdout
+    assert (path.parent / "out" / "run" / "report.html").read_text().count("data:image/png") == 3
+    states = json.loads(yesnt("status", path, "--json").stdout)["frames"]
+    assert {state["state"] for state in states} == {"done"}
+    assert yesnt("verify", path).returncode == 0
+    (path.parent / "out" / "exr" / "tiny.1001.exr").unlink()
+    broken = yesnt("verify", path)
+    assert broken.returncode == 1
+    assert "composite 1001: exr/tiny.1001.exr is missing" in broken.stdout
+    assert yesnt("verify", path, "--repair", "--workers", "1").returncode == 0
+    assert yesnt("verify", path).returncode == 0
+    assert "everything is as it was" in yesnt("explain", path, "1001").stdout
+    assert "1 of 2" not in yesnt("plan", path).stdout
+
+
+def test_missing_frames_are_exit_3_and_named(tmp_path: Path) -> None:
+    path = write_tiny_shot(tmp_path / "shot", 2)
+    mark = path.parent / "out" / "run" / "dead" / "relight" / "1002.json"
+    mark.parent.mkdir(parents=True)
+    mark.write_text(json.dumps({"stage": "relight", "frame": 1002, "reason": "it killed two workers"}))
+    done = yesnt("run", path, "--workers", "1")
+    assert done.returncode == 3, done.stderr
+    assert "Missing: frame 1002 of relight: it killed two workers" in done.stdout
+    assert (path.parent / "out" / "exr" / "tiny.1001.exr").exists()
+    assert yesnt("retry", path, "--frames", "1002", "--workers", "1").returncode == 0
+    assert (path.parent / "out" / "exr" / "tiny.1002.exr").exists()
+
+
+def test_interrupt_is_exit_130_and_loses_nothing(tmp_path: Path) -> None:
+    path = write_tiny_shot(tmp_path / "shot", 4)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "yesnt", "run", str(path)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        start_new_session=True,
+    )  # fmt: skip
+    records = path.parent / "out" / "run" / "records"
+    deadline = time.monotonic() + 90
+    while not list(records.glob("*/*.json")) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    os.kill(process.pid, signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130, errors
+    assert "the same command goes on from there" in errors
+    assert list(records.glob("*/*.json"))
+
+
+def test_doctor_finds_this_machine_fit() -> None:
+    done = yesnt("doctor", "--json")
+    assert done.returncode == 0
+    assert {"openexr", "OpenImageIO", "scratch", "cores"} <= {finding["part"] for finding in json.loads(done.stdout)}

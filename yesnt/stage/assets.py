@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-import shutil
 import subprocess
 import sys
 import tarfile
 import tempfile
 import zipfile
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -70,10 +70,11 @@ def _package(asset: Asset, cache: Path) -> Path:
     if not folder.exists():
         folder.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=folder.parent) as work:
-            _run(_command(asset), Path(work))
-            folder.mkdir(exist_ok=True)
-            for found in Path(work).iterdir():
-                shutil.move(found, folder / found.name)
+            download = Path(work) / "download"
+            download.mkdir()
+            _run(_command(asset), download)
+            with suppress(OSError):  # another process was faster; its archive is as good
+                download.rename(folder)
     return next(iter(folder.iterdir()))
 
 

@@ -98,19 +98,19 @@ _ELDER = _person(gender=0.1, age=0.95, muscle=0.35, weight=0.75, height=0.5, pro
 
 SUBJECTS: Mapping[str, Subject] = MappingProxyType({
     "walk": Human(_WALKER, "explorer", "walk_and_sweep"),
-    "boxer": Human(_BOXER, "athlete", "box", height=2.25),
+    "boxer": Human(_BOXER, "athlete", "box", height=2.35, middle=0.98),
     "dancer": Human(_DANCER, "performer", "turn_and_wave", height=2.3, middle=1.0),
-    "fox": Model("fox", 1.25, (0.0, 0.0, -1.0), "Run", (0.4, 0.75), True, height=1.25, middle=0.36),
+    "fox": Model("fox", 1.25, (0.0, 0.0, -0.55), "Run", (0.4, 0.75), True, height=1.8, middle=0.36),
     "fox_still": Model("fox", 1.2, (0.0, 0.0, -0.7), "Survey", (0.6, 1.0), True, height=1.25, middle=0.36),
-    "athlete": Human(_BOXER, "athlete", "guard"),
-    "courtier": Human(_ELDER, "courtier", "greet"),
-    "controller_touch": Model("oculus-touch", 1.1, (0.6, 0.0, 0.7)),
-    "controller_index": Model("valve-index", 1.1, (0.5, 0.0, -0.6)),
-    "controller_reverb": Model("hp-mixed-reality", 1.1, (0.6, 0.0, 0.4)),
-    "controller_vive": Model("htc-vive", 1.1, (0.8, 0.0, 2.6)),
-    "drape": Shape("drape", "brocade", middle=0.42),
+    "athlete": Human(_BOXER, "athlete", "guard", height=2.35, middle=0.98),
+    "courtier": Human(_ELDER, "courtier", "greet", height=2.2),
+    "controller_touch": Model("oculus-touch", 1.3, (0.6, 0.0, 0.7)),
+    "controller_index": Model("valve-index", 1.3, (0.5, 0.0, -0.6)),
+    "controller_reverb": Model("hp-mixed-reality", 1.4, (0.6, 0.0, 0.4)),
+    "controller_vive": Model("htc-vive", 1.4, (0.8, 0.0, 2.6)),
+    "drape": Shape("drape", "brocade", height=1.55, middle=0.46),
     "knot": Shape("knot", "worn_metal", middle=0.5),
-    "vase": Shape("vase", "glaze", middle=0.5),
+    "vase": Shape("vase", "glaze", height=1.4, middle=0.5),
 })  # fmt: skip
 """Every subject by name; `walk` is the embedded shot and stands in no set that is evaluated."""
 

@@ -1,0 +1,114 @@
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from yesnt.camera import Camera
+from yesnt.errors import MissingPartError, YesntError
+from yesnt.io.jobfile import load_shot
+from yesnt.stage.jobs import stage_jobs
+from yesnt.stage.render import find_receipt, render, shot_folder
+from yesnt.stage.tools import Tools, run_anny
+
+PER_JOB = 1 + 1 + 3  # geometry, proxy, three lights
+
+
+@pytest.fixture
+def counter(tmp_path, monkeypatch):
+    path = tmp_path / "counter"
+    path.write_text("0")
+    monkeypatch.setenv("FAKE_BLENDER_COUNTER", str(path))
+    return path
+
+
+@pytest.fixture
+def fake(tmp_path, counter):
+    program = tmp_path / "blender"
+    program.write_text(f'#!/bin/sh\nexec {sys.executable} {Path(__file__).with_name("fake_blender.py")} "$@"\n')
+    program.chmod(0o755)
+    return Tools(str(program), None, str(tmp_path / "cache"))
+
+
+@pytest.fixture
+def job():
+    return stage_jobs("objects", small=True)[0]
+
+
+def _bytes(folder):
+    return {p.relative_to(folder): p.read_bytes() for p in folder.rglob("*") if p.is_file() and "stage" not in p.parts}
+
+
+def test_a_job_leaves_a_shot_in_the_form_of_the_contract(job, fake, tmp_path):
+    receipt = render(job, tmp_path / "out", fake)
+    folder = Path(receipt.folder)
+    shot = load_shot(folder / "shot.yaml")
+    assert shot.name == job.subject
+    assert set(Camera.open(folder / "camera.json").poses) == set(job.frames)
+    expected = {"plate.1001.exr", "gbuffer.1001.exr", "proxy.1001.ply", "camera.json", "shot.yaml"}
+    expected |= {
+        "truth/material.1001.exr",
+        "truth/flow.1001.exr",
+        "truth/relit_sky.1001.exr",
+        "truth/relit_studio.1001.exr",
+    }
+    assert set(receipt.files) == expected | {f"env/{name}.exr" for name in job.lights}
+    assert all((folder / name).is_file() for name in receipt.files)
+    assert not list(folder.rglob("raw-*"))
+
+
+def test_a_second_call_renders_nothing(job, fake, tmp_path, counter):
+    first = render(job, tmp_path / "out", fake)
+    second = render(job, tmp_path / "out", fake)
+    assert (first.rendered, second.rendered) == (PER_JOB, 0)
+    assert second.files == first.files
+    assert counter.read_text() == str(PER_JOB)
+
+
+def test_a_killed_job_goes_on_where_it_was(job, fake, tmp_path, counter, monkeypatch):
+    whole = render(job, tmp_path / "whole", fake)
+    counter.write_text("0")
+    monkeypatch.setenv("FAKE_BLENDER_LIMIT", "3")
+    with pytest.raises(YesntError, match=r"status 7: out of luck"):
+        render(job, tmp_path / "out", fake)
+    assert find_receipt(job, tmp_path / "out") is None
+    monkeypatch.delenv("FAKE_BLENDER_LIMIT")
+    resumed = render(job, tmp_path / "out", fake)
+    assert resumed.rendered == PER_JOB - 3
+    assert _bytes(Path(resumed.folder)) == _bytes(Path(whole.folder))
+
+
+@pytest.mark.parametrize("damage", ["delete", "cut", "flip"])
+def test_damage_is_found_and_made_good(job, fake, tmp_path, damage):
+    before = render(job, tmp_path / "out", fake)
+    victim = Path(before.folder) / "truth" / "relit_sky.1001.exr"
+    data = bytearray(victim.read_bytes())
+    if damage == "delete":
+        victim.unlink()
+    elif damage == "cut":
+        victim.write_bytes(data[: len(data) // 2])
+    else:
+        data[len(data) // 2] ^= 1
+        victim.write_bytes(data)
+    assert find_receipt(job, tmp_path / "out") is None
+    assert render(job, tmp_path / "out", fake).files == before.files
+
+
+def test_a_damaged_record_is_no_record(job, fake, tmp_path):
+    render(job, tmp_path / "out", fake)
+    record = next((shot_folder(job, tmp_path / "out") / "stage").glob("*.json"))
+    record.write_text(json.dumps({"key": job.key}))
+    assert find_receipt(job, tmp_path / "out") is None
+
+
+def test_without_anny_the_error_says_how_to_get_it(fake, tmp_path):
+    with pytest.raises(MissingPartError, match="make blender"):
+        run_anny(fake, [], tmp_path)
+
+
+@pytest.mark.blender
+def test_the_small_objects_render_and_render_the_same(tools, tmp_path):
+    jobs = stage_jobs("objects", small=True)
+    first = [render(job, tmp_path / "first", tools) for job in jobs]
+    assert [receipt.rendered for receipt in first] == [PER_JOB] * len(jobs)
+    assert render(jobs[0], tmp_path / "second", tools).files == first[0].files

@@ -121,3 +121,12 @@ def test_every_step_lowers_the_energy(problem_drawn):
 def test_problem_reports_its_stiffness():
     geometry_free = Problem(None, None, None, EnergyParams(lambda1=1.0, eps=0.1, lambda2=5.0))
     assert geometry_free.stiffness == pytest.approx(120.0)
+
+
+def test_half_floats_of_the_store_are_taken(pattern):
+    problem = pattern(3, 20, 24)
+    halves = [a.astype(np.float16) for a in problem.arguments[:4]]
+    wide = [a.astype(np.float32) for a in halves]
+    value = solve(*halves, problem.params, problem.matte).value
+    assert value.dtype == np.float32
+    np.testing.assert_array_equal(value, solve(*wide, problem.params, problem.matte).value)

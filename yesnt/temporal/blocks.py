@@ -175,5 +175,9 @@ def band_rows(frames: int, width: int, matte_share: float, budget: int, channels
 
 
 def largest_change(value: NDArray[np.floating], previous: NDArray[np.floating]) -> float:
-    """Largest absolute difference of two sweeps' cores; the exchange stops once it is below the asked tolerance."""
-    return float(np.max(np.abs(value - previous), initial=0.0))
+    """Largest absolute difference of two sweeps' cores; the exchange stops once it is below the asked tolerance.
+
+    Outside the matte both hold the observation, which may be NaN there: that counts as no change.
+    """
+    change = np.abs(value - previous)
+    return float(np.max(change, where=~np.isnan(change), initial=0.0))

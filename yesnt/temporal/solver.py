@@ -138,7 +138,8 @@ def check_inputs(
     planes = data.reshape((-1, *data.shape[-3:]))
     frames, height, width = planes.shape[1:]
     mask = np.ones((frames, height, width), bool) if matte is None else _as_mask(_numpy(matte))
-    weights, vectors, valid = _numpy(confidence), _numpy(flow), _numpy(validity)
+    # The store may hold half floats, which numba does not index.
+    weights, vectors, valid = (_numpy(a).astype(np.float32, copy=False) for a in (confidence, flow, validity))
     _require_shape("matte", mask, (frames, height, width))
     _require_shape("flow", vectors, (frames - 1, height, width, 2))
     _require_shape("validity", valid, (frames - 1, height, width))

@@ -19,7 +19,7 @@ import OpenEXR
 
 from yesnt.temporal import EnergyParams, FlowSettings, flow_and_validity, solve
 
-LAMBDA1, LAMBDA2, DELTA = (0.003, 0.005, 0.01, 0.02, 0.04), (1.0, 2.0, 3.0, 5.0, 10.0), (0.03, 0.05, 0.1)
+LAMBDA1, LAMBDA2, DELTA = (0.003, 0.005, 0.01, 0.02), (1.0, 2.0, 3.0, 5.0), (0.05, 0.1, 0.2)
 STRENGTHS, MEMBERS = (0.02, 0.05, 0.1), 4
 
 
@@ -104,7 +104,7 @@ def sweep(folder, settings):
 
 def plot(rows):
     """An SVG scatter: colour is lambda2, radius lambda1, the default ringed."""
-    colours = dict(zip(LAMBDA2, ("#4e79a7", "#59a14f", "#e15759", "#b07aa1", "#9c755f"), strict=True))
+    colours = dict(zip(LAMBDA2, ("#4e79a7", "#59a14f", "#e15759", "#b07aa1"), strict=True))
     points, default = [], EnergyParams()
     for row in rows:
         rmse, difference = np.mean(row["strength_channel_rmse_diff"], axis=(0, 1))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from yesnt.temporal import energy, reference
+from yesnt.temporal import energy, kernels, reference
 from yesnt.temporal.newton import NewtonSolver
 from yesnt.temporal.solver import channel_problem, check_inputs
 
@@ -44,10 +44,7 @@ def test_linear_operator_is_symmetric_and_its_diagonal_is_exact(problem_drawn):
 
     def product(v):
         out = np.zeros_like(v)
-        from yesnt.temporal import kernels
-
-        data = (inputs.geometry, solver.operator, solver.coupling, solver.groups)
-        kernels.apply(v, out, solver.per_frame, *data)
+        solver.run(kernels.apply, v, out, solver.per_frame, inputs.geometry, solver.operator, solver.coupling)
         return out
 
     kind = solver.z.dtype

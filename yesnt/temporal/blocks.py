@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.temporal.newton import Limits, solve_newton, threads_for
+from yesnt.temporal.newton import Limits, solve_newton
 from yesnt.temporal.params import EnergyParams, Solution
 from yesnt.temporal.solver import channel_problem, check_inputs, collect_stats
 
@@ -147,8 +147,7 @@ def solve_block(
     value, states = start.copy(), []
     for channel in range(len(value)):
         problem = channel_problem(inputs, channel, params)
-        with threads_for(inputs.geometry):
-            state = solve_newton(problem, start[channel][inputs.matte].astype(np.float64), Limits(1e-4, tolerance))
+        state = solve_newton(problem, start[channel][inputs.matte].astype(np.float64), Limits(1e-4, tolerance))
         value[channel][inputs.matte] = state.x
         states.append(state)
     stats = collect_stats(states, 1e-4, inputs.geometry.pixels, time.perf_counter() - started)

@@ -21,7 +21,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from yesnt.temporal.geometry import FIXED, HAS_DOWN, HAS_RIGHT
 from yesnt.temporal.kernels import links_from, links_into, pixels_of
@@ -53,22 +53,20 @@ def _space_dual(t, qx, qy, out, geo, lambda1, eps):
     return lambda1 * eps * total
 
 
-@njit(cache=True, parallel=True)
-def dual_value(x, qx, qy, scratch, values, geo, observed, confidence, params, box, groups):
-    """Bound (1) per frame: `values` [T] sum to a lower bound on F over the box.
+@njit(cache=True, nogil=True)
+def dual_value(first, last, x, qx, qy, scratch, values, geo, observed, confidence, params, box):
+    """Bound (1) per frame of first .. last - 1: `values` [T] sum to a lower bound on F over the box.
 
     `x` [N] gives the temporal duals (and the values of fixed pixels), `qx`, `qy` [N] in the unit disc the spatial ones;
     `box` is (low, high).
     """
-    for group in prange(len(groups) - 1):
-        delta, lambda1, lambda2, eps = params
-        first, last = groups[group], groups[group + 1]
-        scratch[geo.frames[first] : geo.frames[last]] = 0.0
-        links_into(first, x, scratch, geo, 2.0 * lambda2)
-        for t in range(first, last):
-            total = _space_dual(t, qx, qy, scratch, geo, lambda1, eps)
-            total -= lambda2 * links_from(t, x, scratch, geo, 2.0 * lambda2, t + 1 < last)
-            for p in pixels_of(t, geo):
-                low, high = (x[p], x[p]) if geo.flags[p] & FIXED else box
-                total += _pixel_minimum(scratch[p], confidence[p], np.float64(observed[p]), delta, low, high)
-            values[t] = total
+    delta, lambda1, lambda2, eps = params
+    scratch[geo.frames[first] : geo.frames[last]] = 0.0
+    links_into(first, x, scratch, geo, 2.0 * lambda2)
+    for t in range(first, last):
+        total = _space_dual(t, qx, qy, scratch, geo, lambda1, eps)
+        total -= lambda2 * links_from(t, x, scratch, geo, 2.0 * lambda2, t + 1 < last)
+        for p in pixels_of(t, geo):
+            low, high = (x[p], x[p]) if geo.flags[p] & FIXED else box
+            total += _pixel_minimum(scratch[p], confidence[p], np.float64(observed[p]), delta, low, high)
+        values[t] = total

@@ -1,9 +1,9 @@
 """Fused kernels of the temporal energy on compact pixel lists: gradient, linear operator, conjugate gradients.
 
-Every kernel runs over groups of frames in parallel. A frame's sums are always added in the same order, whatever the
-groups, and reductions are per frame and float64, so the bits do not depend on the number of threads. No `fastmath`, for
-the same reason: the compiler may not reassociate. Indices are unsigned, because numba tests signed ones for Python's
-counting from the end, which costs a factor of three here.
+A public kernel does the frames first .. last - 1 and releases the interpreter; threads.py runs several at once. A
+frame's sums are always added in the same order, and reductions are per frame and float64, so the bits do not depend on
+the split. No `fastmath`, for the same reason: the compiler may not reassociate. Indices are unsigned, because numba
+tests signed ones for Python's counting from the end, which costs a factor of three here.
 
 The energy's three terms and their duals:
     data   c H(x - o)              derivative c delta u,    |u| <= 1
@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from yesnt.temporal.geometry import FIXED, HAS_DOWN, HAS_RIGHT
 
@@ -113,37 +113,35 @@ def _gradient_space(t, x, out, geo, observed, confidence, params):
     return data + lambda1 * space
 
 
-@njit(cache=True, parallel=True)
-def gradient(x, out, energies, geo, observed, confidence, params, groups):
+@njit(cache=True, nogil=True)
+def gradient(first, last, x, out, energies, geo, observed, confidence, params):
     """Gradient [N] and energy per frame [T] of F at x [N], float64; 0 gradient at fixed pixels.
 
-    `params` is (delta, lambda1, lambda2, eps); `groups` [G + 1] splits the frames over threads.
+    `params` is (delta, lambda1, lambda2, eps).
     """
-    for group in prange(len(groups) - 1):
-        first, last = groups[group], groups[group + 1]
-        out[geo.frames[first] : geo.frames[last]] = 0.0
-        coupling = 2.0 * params[2]
-        links_into(first, x, out, geo, coupling)
-        for t in range(first, last):
-            energy = _gradient_space(t, x, out, geo, observed, confidence, params)
-            energies[t] = energy + params[2] * links_from(t, x, out, geo, coupling, t + 1 < last)
-            for p in pixels_of(t, geo):
-                if geo.flags[p] & FIXED:
-                    out[p] = 0.0
+    out[geo.frames[first] : geo.frames[last]] = 0.0
+    coupling = 2.0 * params[2]
+    links_into(first, x, out, geo, coupling)
+    for t in range(first, last):
+        energy = _gradient_space(t, x, out, geo, observed, confidence, params)
+        energies[t] = energy + params[2] * links_from(t, x, out, geo, coupling, t + 1 < last)
+        for p in pixels_of(t, geo):
+            if geo.flags[p] & FIXED:
+                out[p] = 0.0
 
 
-@njit(cache=True, parallel=True)
-def linearise(x, duals, trust, geo, observed, confidence, params, data, a, b, d):
+@njit(cache=True, nogil=True)
+def linearise(first, last, x, duals, trust, geo, observed, confidence, params, operator):
     """Weights of the Newton system at x with duals (qx, qy, u) (Chan, Golub, Mulet 1999, and the same for Huber).
 
     The duals are scaled by `trust` in [0, 1]; with 0 the weights are those of iteratively reweighted least squares,
-    which majorise F. Fills data, a, b, d [N]: the spatial term's matrix at a pixel is ((a, b), (b, d)). It is positive
-    semidefinite while |q| <= 1, and the data weight is not negative while |u| <= 1. (Four arguments and not a tuple:
-    numba drops writes to arrays that a parallel function unpacks from a tuple.)
+    which majorise F. Fills `operator` = (data, a, b, d), [N] each: the spatial term's matrix at a pixel is
+    ((a, b), (b, d)). It is positive semidefinite while |q| <= 1, and the data weight is not negative while |u| <= 1.
     """
     delta, lambda1, _, eps = params
     qx, qy, u = duals
-    for t in prange(len(geo.frames) - 1):
+    data, a, b, d = operator
+    for t in range(first, last):
         for p in pixels_of(t, geo):
             r = x[p] - np.float64(observed[p])
             weight = 1.0 if abs(r) <= delta else delta * (1.0 - trust * u[p] * math.copysign(1.0, r)) / abs(r)
@@ -156,11 +154,11 @@ def linearise(x, duals, trust, geo, observed, confidence, params, data, a, b, d)
             b[p] = -0.5 * scale * (qx[p] * dy + qy[p] * dx)
 
 
-@njit(cache=True, parallel=True)
-def update_duals(x, z, qx, qy, u, geo, observed, params):
+@njit(cache=True, nogil=True)
+def update_duals(first, last, x, z, qx, qy, u, geo, observed, params):
     """Newton's step of the duals for the step z of x, put back into the unit ball; x is the value before the step."""
     delta, _, _, eps = params
-    for t in prange(len(geo.frames) - 1):
+    for t in range(first, last):
         for p in pixels_of(t, geo):
             r, step = x[p] - np.float64(observed[p]), np.float64(z[p])
             sign = math.copysign(1.0, r)
@@ -200,21 +198,19 @@ def _apply_frame(t, z, out, geo, operator, coupling, following):
         out[p] += value
 
 
-@njit(cache=True, parallel=True)
-def apply(z, out, dots, geo, operator, coupling, groups):
+@njit(cache=True, nogil=True)
+def apply(first, last, z, out, dots, geo, operator, coupling):
     """Writes out = A z [N], float32, and z . A z per frame in float64; `coupling` is 2 lambda2."""
-    for group in prange(len(groups) - 1):
-        first, last = groups[group], groups[group + 1]
-        out[geo.frames[first] : geo.frames[last]] = 0
-        links_into(first, z, out, geo, coupling)
-        for t in range(first, last):
-            _apply_frame(t, z, out, geo, operator, coupling, t + 1 < last)
-            total = 0.0
-            for p in pixels_of(t, geo):
-                if geo.flags[p] & FIXED:
-                    out[p] = 0
-                total += np.float64(out[p]) * z[p]
-            dots[t] = total
+    out[geo.frames[first] : geo.frames[last]] = 0
+    links_into(first, z, out, geo, coupling)
+    for t in range(first, last):
+        _apply_frame(t, z, out, geo, operator, coupling, t + 1 < last)
+        total = 0.0
+        for p in pixels_of(t, geo):
+            if geo.flags[p] & FIXED:
+                out[p] = 0
+            total += np.float64(out[p]) * z[p]
+        dots[t] = total
 
 
 @njit(cache=True)
@@ -246,26 +242,24 @@ def _diagonal_space(t, out, geo, operator, coupling):
         out[p] += value
 
 
-@njit(cache=True, parallel=True)
-def inverse_diagonal(out, geo, operator, coupling, groups):
+@njit(cache=True, nogil=True)
+def inverse_diagonal(first, last, out, geo, operator, coupling):
     """One over the diagonal of A [N]; 1 at fixed pixels and where A has no entry (their residual is 0)."""
-    for group in prange(len(groups) - 1):
-        first, last = groups[group], groups[group + 1]
-        out[geo.frames[first] : geo.frames[last]] = 0
-        if first > 0:
-            _diagonal_links(first - 1, out, geo, coupling)
-        for t in range(first, last):
-            _diagonal_space(t, out, geo, operator, coupling)
-            if t + 1 < last:
-                _diagonal_links(t, out, geo, coupling)
-            for p in pixels_of(t, geo):
-                out[p] = np.float32(1) / out[p] if out[p] > 0 and not geo.flags[p] & FIXED else np.float32(1)
+    out[geo.frames[first] : geo.frames[last]] = 0
+    if first > 0:
+        _diagonal_links(first - 1, out, geo, coupling)
+    for t in range(first, last):
+        _diagonal_space(t, out, geo, operator, coupling)
+        if t + 1 < last:
+            _diagonal_links(t, out, geo, coupling)
+        for p in pixels_of(t, geo):
+            out[p] = np.float32(1) / out[p] if out[p] > 0 and not geo.flags[p] & FIXED else np.float32(1)
 
 
-@njit(cache=True, parallel=True)
-def start_cg(gradient, inverse, z, r, p, frames, dots):
+@njit(cache=True, nogil=True)
+def start_cg(first, last, gradient, inverse, z, r, p, frames, dots):
     """Starts conjugate gradients at z = 0 for the right-hand side - gradient; `dots` as in `advance`."""
-    for t in prange(len(frames) - 1):
+    for t in range(first, last):
         total = 0.0
         for i in range(np.uint64(frames[t]), np.uint64(frames[t + 1])):
             z[i] = 0
@@ -275,10 +269,10 @@ def start_cg(gradient, inverse, z, r, p, frames, dots):
         dots[t] = total
 
 
-@njit(cache=True, parallel=True)
-def advance(alpha, z, r, p, ap, inverse, frames, dots):
+@njit(cache=True, nogil=True)
+def advance(first, last, alpha, z, r, p, ap, inverse, frames, dots):
     """Step: z += alpha p, r -= alpha A p, and r . M^-1 r per frame."""
-    for t in prange(len(frames) - 1):
+    for t in range(first, last):
         total = 0.0
         for i in range(np.uint64(frames[t]), np.uint64(frames[t + 1])):
             z[i] += alpha * p[i]
@@ -287,8 +281,8 @@ def advance(alpha, z, r, p, ap, inverse, frames, dots):
         dots[t] = total
 
 
-@njit(cache=True, parallel=True)
-def turn(beta, p, r, inverse):
+@njit(cache=True, nogil=True)
+def turn(first, last, beta, p, r, inverse, frames):
     """Turn: p = M^-1 r + beta p."""
-    for i in prange(len(p)):
+    for i in range(np.uint64(frames[first]), np.uint64(frames[last])):
         p[i] = r[i] * inverse[i] + beta * p[i]

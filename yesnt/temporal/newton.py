@@ -7,19 +7,17 @@ is small. Values are float64, the linear systems float32.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import get_num_threads, set_num_threads
 from numpy.typing import NDArray
 
 from yesnt.temporal import kernels
 from yesnt.temporal.certificate import dual_value
 from yesnt.temporal.geometry import FIXED, Geometry
 from yesnt.temporal.params import EnergyParams
+from yesnt.temporal.threads import FrameThreads
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -30,9 +28,6 @@ MINIMAL_LENGTH = 1e-9
 
 SINGLE_STIFFNESS = 2e4
 """Stiffness from which the linear systems are solved in float64: conjugate gradients stall at stiffness x rounding."""
-
-PIXELS_PER_THREAD = 200_000
-"""Below this many matte pixels one thread does all."""
 
 IDLE_LIMIT = 4
 """Outer iterations without progress of F or of the bound after which a solve stops: rounding allows no more."""
@@ -106,30 +101,6 @@ class State:
         return difference / self.bound if self.bound > 0 else float("inf")
 
 
-@contextmanager
-def threads_for(geometry: Geometry) -> Iterator[None]:
-    """Runs small problems on one thread: waiting for a second one would cost more than the work. Same bits."""
-    before = get_num_threads()
-    set_num_threads(1 if geometry.pixels < PIXELS_PER_THREAD else before)
-    try:
-        yield
-    finally:
-        set_num_threads(before)
-
-
-def frame_groups(geometry: Geometry, threads: int) -> NDArray[np.int64]:
-    """Splits the frames into at most `threads` runs of about equal pixel counts.
-
-    One run if a frame has a single pixel, because its stencils then touch the frame before (geometry.py).
-    """
-    frames = geometry.frames
-    if np.any(np.diff(frames) == 1):
-        threads = 1
-    targets = frames[-1] * np.arange(1, threads) / threads
-    edges = np.searchsorted(frames, targets)
-    return np.unique(np.concatenate([[0], edges, [len(frames) - 1]])).astype(np.int64)
-
-
 class NewtonSolver:
     """Holds the work arrays of one channel."""
 
@@ -137,7 +108,7 @@ class NewtonSolver:
         geometry = problem.geometry
         count, frames = geometry.pixels, len(geometry.frames) - 1
         self.problem = problem
-        self.groups = frame_groups(geometry, get_num_threads())
+        self.run = FrameThreads(geometry).run
         self.box = problem.box
         self.gradient, self.scratch = np.zeros(count), np.zeros(count)
         self.per_frame = np.zeros(frames)
@@ -152,53 +123,46 @@ class NewtonSolver:
     def evaluate(self, x: Array) -> float:
         """F(x); leaves the gradient in `self.gradient`."""
         problem = self.problem
-        data = (problem.geometry, problem.observed, problem.confidence, problem.numbers, self.groups)
-        kernels.gradient(x, self.gradient, self.per_frame, *data)
+        data = (problem.geometry, problem.observed, problem.confidence, problem.numbers)
+        self.run(kernels.gradient, x, self.gradient, self.per_frame, *data)
         return float(np.sum(self.per_frame))
 
     def bound(self, x: Array) -> float:
         """A lower bound on the minimum from the current duals and x."""
         problem = self.problem
-        data = (problem.geometry, problem.observed, problem.confidence, problem.numbers, self.box, self.groups)
-        dual_value(x, self.qx, self.qy, self.scratch, self.per_frame, *data)
+        data = (problem.geometry, problem.observed, problem.confidence, problem.numbers, self.box)
+        self.run(dual_value, x, self.qx, self.qy, self.scratch, self.per_frame, *data)
         return float(np.sum(self.per_frame))
 
     def set_exact_duals(self, x: Array) -> None:
         """Sets q and u to the derivative's own at x, for solvers that carry no duals."""
         self.z[:] = 0
         problem = self.problem
-        kernels.update_duals(x, self.z, self.qx, self.qy, self.u, problem.geometry, problem.observed, problem.numbers)
+        duals = (self.qx, self.qy, self.u)
+        self.run(kernels.update_duals, x, self.z, *duals, problem.geometry, problem.observed, problem.numbers)
 
     def newton_direction(self, x: Array, reduction: float, limit: int) -> int:
         """Solves A z = - gradient to a relative residual of `reduction`; returns the number of products."""
         problem = self.problem
         geometry, coupling, kind = problem.geometry, self.coupling, type(self.coupling)
-        kernels.linearise(
-            x,
-            (self.qx, self.qy, self.u),
-            self.trust,
-            geometry,
-            problem.observed,
-            problem.confidence,
-            problem.numbers,
-            *self.operator,
-        )
-        kernels.inverse_diagonal(self.inverse, geometry, self.operator, coupling, self.groups)
+        data = (geometry, problem.observed, problem.confidence, problem.numbers)
+        self.run(kernels.linearise, x, (self.qx, self.qy, self.u), self.trust, *data, self.operator)
+        self.run(kernels.inverse_diagonal, self.inverse, geometry, self.operator, coupling)
         frames = geometry.frames
-        kernels.start_cg(self.gradient, self.inverse, self.z, self.r, self.p, frames, self.per_frame)
+        self.run(kernels.start_cg, self.gradient, self.inverse, self.z, self.r, self.p, frames, self.per_frame)
         rho = float(np.sum(self.per_frame))
         goal = rho * reduction**2
         for count in range(limit):
             if rho <= goal or rho == 0:
                 return count
-            kernels.apply(self.p, self.ap, self.per_frame, geometry, self.operator, coupling, self.groups)
+            self.run(kernels.apply, self.p, self.ap, self.per_frame, geometry, self.operator, coupling)
             curvature = float(np.sum(self.per_frame))
             if not curvature > 0:
                 return count
             alpha = kind(rho / curvature)
-            kernels.advance(alpha, self.z, self.r, self.p, self.ap, self.inverse, frames, self.per_frame)
+            self.run(kernels.advance, alpha, self.z, self.r, self.p, self.ap, self.inverse, frames, self.per_frame)
             previous, rho = rho, float(np.sum(self.per_frame))
-            kernels.turn(kind(rho / previous), self.p, self.r, self.inverse)
+            self.run(kernels.turn, kind(rho / previous), self.p, self.r, self.inverse, frames)
         return limit
 
     def step(self, state: State, limits: Limits) -> None:
@@ -208,9 +172,8 @@ class NewtonSolver:
         length = self.line_search(state)
         self.trust = 1 - 0.6 * (1 - self.trust) if length == 1.0 else max(self.trust - 0.2, 0.5 * self.trust)
         problem = self.problem
-        kernels.update_duals(
-            state.x, self.z, self.qx, self.qy, self.u, problem.geometry, problem.observed, problem.numbers
-        )
+        duals = (self.qx, self.qy, self.u)
+        self.run(kernels.update_duals, state.x, self.z, *duals, problem.geometry, problem.observed, problem.numbers)
         state.step = float(np.max(np.abs(self.z), initial=0.0))
         state.x = state.x + self.z
         state.bound = max(state.bound, self.bound(state.x))
@@ -238,11 +201,8 @@ def solve_newton(problem: Problem, start: Array, limits: Limits) -> State:
     while state.outer < limits.outer and (state.gap > limits.tolerance or state.step > limits.step):
         energy, bound = state.energy, state.bound
         solver.step(state, limits)
-        idle = (
-            idle + 1
-            if energy - state.energy <= 1e-14 * energy and state.bound <= bound + 1e-3 * (energy - bound)
-            else 0
-        )
+        stuck = energy - state.energy <= 1e-14 * energy and state.bound <= bound + 1e-3 * (energy - bound)
+        idle = idle + 1 if stuck else 0
         if idle == IDLE_LIMIT:
             break
     return state

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from yesnt.errors import JobError
 from yesnt.temporal.adam import solve_adam
 from yesnt.temporal.geometry import Geometry, build_geometry
-from yesnt.temporal.newton import Array, Limits, NewtonSolver, Problem, State, solve_newton, threads_for
+from yesnt.temporal.newton import Array, Limits, NewtonSolver, Problem, State, solve_newton
 from yesnt.temporal.params import EnergyParams, Solution, SolveStats
 
 Single = NDArray[np.float32]
@@ -105,8 +105,7 @@ def solve(
     value, states = inputs.observed.copy(), []
     for channel in range(len(value)):
         problem = channel_problem(inputs, channel, params)
-        with threads_for(inputs.geometry):
-            state = run(problem, problem.observed.astype(np.float64), limits)
+        state = run(problem, problem.observed.astype(np.float64), limits)
         value[channel][inputs.matte] = state.x
         states.append(state)
     stats = collect_stats(states, tolerance, inputs.geometry.pixels, time.perf_counter() - started)

@@ -26,7 +26,12 @@ F32 = NDArray[np.float32]
 
 _GROUP = 32  # pixels that share a scratch allocation
 _COS_NODES = np.linspace(0.0, 1.0, 2001)
-FRESNEL = np.polynomial.Polynomial.fit(_COS_NODES, dielectric_fresnel(_COS_NODES), 7).convert().coef.astype(np.float32)
+FRESNEL = (
+    np.polynomial.Polynomial.fit(_COS_NODES, dielectric_fresnel(_COS_NODES), 7)
+    .convert()
+    .coef.round(4)
+    .astype(np.float32)
+)
 _C0, _C1, _C2, _C3, _C4, _C5, _C6, _C7 = (np.float32(c) for c in FRESNEL)  # within 1e-3 of the exact Fresnel
 _HALF = np.float32(0.5)
 _ONE = np.float32(1.0)

@@ -7,13 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.relight.lights import PreparedLight
+from yesnt.relight.lights import Clusters, PreparedLight
 from yesnt.relight.march import DepthScene, depth_scene, march
 from yesnt.relight.points import Pixels, Surface
 from yesnt.relight.proxy import OPEN, ProxyScene
 from yesnt.relight.settings import RelightSettings
 
 F32 = NDArray[np.float32]
+
+_MAIN = 8  # brightest clusters that stand for "the light" in the single factor
 
 
 @dataclass(frozen=True)
@@ -85,11 +87,14 @@ def occlusion(
         return None, None
     if settings.shadows != "single":
         return march(occluders.depth, origins, normals, light.clusters.direction, settings.march_steps), None
-    factor = march(occluders.depth, origins, normals, _main_direction(light), settings.march_steps)
+    factor = _single_factor(occluders.depth, origins, normals, light.clusters, settings.march_steps)
     return np.repeat(factor, light.clusters.direction.shape[1], axis=1), None
 
 
-def _main_direction(light: PreparedLight) -> F32:
-    """Direction [3, 1] of the brightest cluster: where the paper marches to."""
-    brightest = int(np.argmax(light.clusters.energy.sum(axis=0)))
-    return light.clusters.direction[:, brightest : brightest + 1]
+def _single_factor(scene: DepthScene, origins: F32, normals: F32, clusters: Clusters, steps: int) -> F32:
+    """The paper's one soft factor [P, 1]: how much of the brightest light a march towards it lets through."""
+    power = clusters.energy.sum(axis=0)
+    main = np.argsort(-power, kind="stable")[:_MAIN]
+    through = march(scene, origins, normals, clusters.direction[:, main], steps)
+    share = power[main] / max(float(power[main].sum()), 1e-30)
+    return (through @ share[:, None]).astype(np.float32) if power.any() else np.ones((len(origins), 1), np.float32)

@@ -16,6 +16,9 @@ F32 = NDArray[np.float32]
 FAR = 1e8
 """Planar depth, metres, from which a pixel counts as a miss; renderers write 1e10."""
 
+_TRACE = 1 / 512
+"""Less metal than an 8-bit pass can say is none, so that noise in a pass does not cost the second lobe."""
+
 
 @dataclass(frozen=True)
 class Pixels:
@@ -103,7 +106,9 @@ def gather_pixels(surface: Surface) -> Pixels:
     position = surface.camera.position(surface.frame).astype(np.float32) + rays * depth[:, None]
     view = -rays / np.linalg.norm(rays, axis=1, keepdims=True)
     normal = _unit_or(np.asarray(surface.normal, dtype=np.float32).reshape(-1, 3)[index], view)
-    return Pixels(index, opacity.shape, position, normal, view, _unit_range(roughness, 1.0), _unit_range(metallic, 0.0))
+    metallic = _unit_range(metallic, 0.0)
+    metallic = np.where(metallic < _TRACE, 0, np.where(metallic > 1 - _TRACE, 1, metallic)).astype(np.float32)
+    return Pixels(index, opacity.shape, position, normal, view, _unit_range(roughness, 1.0), metallic)
 
 
 def _unit_or(vector: F32, otherwise: F32) -> F32:

@@ -1,0 +1,131 @@
+"""What a scene lets relighting leave out, and why: for `plan`, which runs nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from yesnt.color import luminance
+from yesnt.relight.lights import PreparedLight
+from yesnt.relight.settings import RelightSettings
+
+_SUN_SHARE = 0.02  # of the light in one texel: less is not a source with a shadow of its own
+_EVEN = 0.02  # relative spread of radiance below which a map counts as uniform
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """One term of the model.
+
+    Attributes:
+        term: its name.
+        modelled: whether it will be computed.
+        reason: one clause.
+    """
+
+    term: str
+    modelled: bool
+    reason: str
+
+
+@dataclass(frozen=True)
+class SceneFacts:
+    """What is known about a shot before it runs; None where nothing is.
+
+    Attributes:
+        light: the light that relights.
+        capture: the light of the plate.
+        proxy: whether the shot has a proxy mesh.
+        roughness: smallest and largest in the material passes.
+        metallic: smallest and largest in the material passes.
+    """
+
+    light: PreparedLight | None = None
+    capture: PreparedLight | None = None
+    proxy: bool = False
+    roughness: tuple[float, float] | None = None
+    metallic: tuple[float, float] | None = None
+
+
+def requirements(facts: SceneFacts, settings: RelightSettings) -> tuple[Requirement, ...]:
+    """Lists every term of the model, modelled or left out, with the reason."""
+    return (
+        _metal(facts, settings),
+        _sharp(facts, settings),
+        _sun(facts),
+        _shadow(facts, settings),
+        _bounce(facts, settings),
+        _capture(facts, settings),
+    )
+
+
+def _metal(facts: SceneFacts, settings: RelightSettings) -> Requirement:
+    name = "metallic lobe"
+    if settings.brdf == "paper":
+        return Requirement(name, True, "the paper's BRDF has one lobe for metals and dielectrics")
+    if facts.metallic is not None and facts.metallic[1] < 1 / 512:
+        return Requirement(name, False, "no pixel is metallic")
+    return Requirement(name, True, "computed for the pixels that are metallic, skipped for the others")
+
+
+def _sharp(facts: SceneFacts, settings: RelightSettings) -> Requirement:
+    name = "fine grid for sharp lobes"
+    edge = float(np.sqrt(0.12 * np.sqrt(2048 / settings.texels)))
+    if facts.roughness is not None and facts.roughness[0] > edge:
+        return Requirement(name, False, f"no roughness is below {edge:.2f}: the texels resolve every lobe")
+    return Requirement(name, True, f"roughness below {edge:.2f} sees single cells of the map")
+
+
+def _sun(facts: SceneFacts) -> Requirement:
+    name = "sun"
+    if facts.light is None:
+        return Requirement(name, True, "the map is not known yet")
+    light = facts.light
+    power = luminance(light.energy[:, : light.coarse_start[-1]].T.astype(np.float64))
+    share = float(power.max() / max(power.sum(), 1e-30))
+    if share < _SUN_SHARE:
+        return Requirement(name, False, f"the brightest texel holds {100 * share:.1f} % of the light")
+    return Requirement(name, True, f"one texel holds {100 * share:.0f} % of the light: it has its own shadow")
+
+
+def _shadow(facts: SceneFacts, settings: RelightSettings) -> Requirement:
+    name = "shadows"
+    if settings.shadows is False:
+        return Requirement(name, False, "switched off by `shadows`")
+    if settings.shadows == "single":
+        return Requirement(name, True, "the paper's one factor, marched against z")
+    if not facts.proxy:
+        return Requirement(name, True, "marched against z: the shot has no proxy mesh")
+    blur = "" if facts.light is None else f", {shadow_blur(facts.light):.1f} degrees of light each on average"
+    return Requirement(name, True, f"{settings.clusters} rays a pixel to the proxy{blur}")
+
+
+def _bounce(facts: SceneFacts, settings: RelightSettings) -> Requirement:
+    name = "bounce"
+    if settings.bounce == 0 or settings.shadows is not True:
+        return Requirement(name, False, "switched off")
+    if not facts.proxy:
+        return Requirement(name, False, "the shot has no proxy mesh to bounce off")
+    return Requirement(name, True, f"{settings.bounce} diffuse bounce(s) off the proxy")
+
+
+def _capture(facts: SceneFacts, settings: RelightSettings) -> Requirement:
+    name = "capture light"
+    if settings.base_color == "plate":
+        return Requirement(name, False, "the plate is taken for the base colour, as the paper does")
+    if facts.capture is None:
+        return Requirement(name, True, "taken out of the plate")
+    radiance = luminance(facts.capture.env.radiance.astype(np.float64))
+    even = float(radiance.std() / max(radiance.mean(), 1e-30)) < _EVEN
+    return Requirement(name, True, "uniform: only occlusion and albedo matter" if even else "taken out of the plate")
+
+
+def shadow_blur(light: PreparedLight) -> float:
+    """Mean angular radius, degrees, of the light that shares one visibility: how wide a shadow edge is in error."""
+    texels = slice(0, int(light.coarse_start[-1]))
+    power = light.energy[:, texels].sum(axis=0, dtype=np.float64)
+    owner = light.cluster_of[texels]
+    cosine = (light.direction[:, texels] * light.clusters.direction[:, owner]).sum(axis=0)
+    angle = np.arccos(np.clip(cosine, -1, 1))
+    return float(np.degrees((power * angle).sum() / max(power.sum(), 1e-30)))

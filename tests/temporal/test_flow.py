@@ -112,3 +112,48 @@ def test_a_flow_from_elsewhere_is_trusted_where_its_sign_is_right():
     assert np.median(good[mattes[0]]) > 0.99
     assert np.mean(turned[mattes[0]]) < 0.6
     np.testing.assert_array_equal(flow_validity(true, -true, *frames, *mattes, FlowSettings()), good)
+
+
+def spynet_state(push, prefix="spynet."):
+    """Weights of 0: each level only adds `push` pixels to the right."""
+    import torch
+
+    state, widths = {}, (8, 32, 64, 32, 16, 2)
+    for level in range(6):
+        for k, layer in enumerate((0, 2, 4, 6, 8)):
+            name = f"{prefix}basic_module.{level}.basic_module.{layer}"
+            state[f"{name}.weight"] = torch.zeros(widths[k + 1], widths[k], 7, 7)
+            state[f"{name}.bias"] = torch.zeros(widths[k + 1])
+        state[f"{name}.bias"][0] = push
+    return state
+
+
+def test_spynet_adds_up_its_levels_and_says_what_is_absent():
+    from yesnt.errors import MissingPartError
+    from yesnt.temporal.spynet import SpyNet
+
+    picture = np.zeros((70, 64, 3), np.uint8)
+    flow = SpyNet(spynet_state(0.5))(picture, picture)
+    assert flow.shape == (70, 64, 2)
+    np.testing.assert_allclose(flow[..., 0], 0.5 * (2**6 - 1), rtol=1e-5)
+    np.testing.assert_array_equal(flow[..., 1], 0)
+    state = spynet_state(0.5, prefix="")
+    del state["basic_module.3.basic_module.4.bias"]
+    with pytest.raises(MissingPartError, match=r"basic_module\.3\.basic_module\.4"):
+        SpyNet(state)
+
+
+def test_any_function_of_two_pictures_serves_as_flow():
+    frames, mattes = moving_disc()
+    seen = []
+
+    def match(picture, following):
+        seen.append((picture, following))
+        sign = 1 if len(seen) == 1 else -1
+        return np.full((*picture.shape[:2], 2), (sign * RIGHT, sign * DOWN), np.float32)
+
+    flow, validity = flow_and_validity(*frames, *mattes, FlowSettings(), match)
+    assert (flow == (RIGHT, DOWN)).all()
+    assert np.median(validity[mattes[0]]) > 0.99
+    assert seen[0][0].dtype == np.uint8
+    assert seen[0][0] is seen[1][1]

@@ -6,6 +6,7 @@ forward and backward arrays to `consistency`.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -17,6 +18,7 @@ from yesnt.temporal.geometry import build_geometry
 
 Single = NDArray[np.float32]
 Mask = NDArray[np.bool_]
+Matcher = Callable[[NDArray[np.uint8], NDArray[np.uint8]], Single]
 FlowMethod = Literal["dis-fast", "dis-medium", "dis-quality", "deepflow"]
 
 
@@ -40,7 +42,12 @@ class FlowSettings:
 
 
 def flow_and_validity(
-    rgb_t: Single, rgb_t1: Single, matte_t: NDArray[Any], matte_t1: NDArray[Any], settings: FlowSettings
+    rgb_t: Single,
+    rgb_t1: Single,
+    matte_t: NDArray[Any],
+    matte_t1: NDArray[Any],
+    settings: FlowSettings,
+    match: Matcher | None = None,
 ) -> tuple[Single, Single]:
     """Flow from frame t to t+1 and its validity.
 
@@ -50,14 +57,20 @@ def flow_and_validity(
         matte_t: [H, W] bool or coverage (matte where > 0.5).
         matte_t1: [H, W] of the next frame.
         settings: method and thresholds.
+        match: a flow of your own instead of the method, for instance `spynet.SpyNet`: two 8-bit sRGB pictures
+            [H, W, 3] to [H, W, 2].
 
     Returns:
         flow [H, W, 2] float32 pixels (dx, dy), and validity [H, W] float32 in [0, 1], 0 outside the matte.
     """
     mask_t, mask_t1 = np.asarray(matte_t) > 0.5, np.asarray(matte_t1) > 0.5
-    grey_t, grey_t1 = encode_grey(rgb_t, mask_t), encode_grey(rgb_t1, mask_t1)
-    forward = dense_flow(grey_t, grey_t1, settings.method)
-    backward = dense_flow(grey_t1, grey_t, settings.method)
+    if match is None:
+        now, following = encode_grey(rgb_t, mask_t), encode_grey(rgb_t1, mask_t1)
+        forward = dense_flow(now, following, settings.method)
+        backward = dense_flow(following, now, settings.method)
+    else:
+        now, following = encode_colour(rgb_t, mask_t), encode_colour(rgb_t1, mask_t1)
+        forward, backward = match(now, following), match(following, now)
     return forward, flow_validity(forward, backward, rgb_t, rgb_t1, mask_t, mask_t1, settings)
 
 
@@ -89,6 +102,12 @@ def encode_grey(rgb: Single, mask: Mask) -> NDArray[np.uint8]:
     """8-bit sRGB grey `[H, W]` for matching; outside the matte a constant mid grey, so that no background pulls."""
     grey = 255.0 * srgb_encode(luminance(rgb.astype(np.float32, copy=False)))
     return np.where(mask, np.rint(grey), 128).astype(np.uint8)
+
+
+def encode_colour(rgb: Single, mask: Mask) -> NDArray[np.uint8]:
+    """8-bit sRGB `[H, W, 3]` for a learned flow; outside the matte mid grey, as in `encode_grey`."""
+    colour = np.rint(255.0 * srgb_encode(rgb.astype(np.float32, copy=False)))
+    return np.where(mask[..., None], colour, 128).astype(np.uint8)
 
 
 def dense_flow(grey_t: NDArray[np.uint8], grey_t1: NDArray[np.uint8], method: FlowMethod) -> Single:

@@ -73,6 +73,24 @@ class Block(nn.Module):
         return x + self.second(F.silu(middle))
 
 
+class Merge(nn.Module):
+    """Brings coarse features up to a finer level and joins them with what that level saw itself."""
+
+    def __init__(self, fine: int, coarse: int) -> None:
+        super().__init__()
+        self.norm_fine, self.norm_coarse = PixelNorm(fine), PixelNorm(coarse)
+        self.fine = nn.Conv2d(fine, fine, 3, padding=1)
+        self.coarse = nn.Conv2d(coarse, fine, 1)
+
+    def forward(self, fine: torch.Tensor, coarse: torch.Tensor) -> torch.Tensor:
+        """[B, F, 2h, 2w] and [B, C, h, w] to [B, F, 2h, 2w].
+
+        Both are normalised first: coarse features grow louder and would drown the edges.
+        """
+        raised = F.interpolate(self.coarse(self.norm_coarse(coarse)), scale_factor=2, mode="nearest")
+        return F.silu(self.fine(self.norm_fine(fine)) + raised)
+
+
 class Reader(nn.Module):
     """RGB and matte to condition features at half the resolution."""
 
@@ -81,15 +99,13 @@ class Reader(nn.Module):
         a, b, c = shape.widths
         self.stem = nn.Conv2d(16, a, 3, padding=1)
         self.top = nn.ModuleList([Block(a) for _ in range(shape.depths[0])])
-        self.down1 = nn.Conv2d(a, b, 2, stride=2)
+        self.down1 = nn.Sequential(PixelNorm(a), nn.Conv2d(a, b, 2, stride=2))
         self.middle = nn.ModuleList([Block(b) for _ in range(shape.depths[1])])
-        self.down2 = nn.Conv2d(b, c, 2, stride=2)
+        self.down2 = nn.Sequential(PixelNorm(b), nn.Conv2d(b, c, 2, stride=2))
         self.bottom = nn.ModuleList([Block(c) for _ in range(shape.depths[2])])
-        self.up2 = nn.Conv2d(c, b, 1)
-        self.rise2 = Block(b)
-        self.up1 = nn.Conv2d(b, a, 1)
-        self.rise1 = Block(a)
-        self.out = nn.Conv2d(a, shape.condition, 1)
+        self.merge2, self.rise2 = Merge(b, c), Block(b)
+        self.merge1, self.rise1 = Merge(a, b), Block(a)
+        self.out = nn.Sequential(PixelNorm(a), nn.Conv2d(a, shape.condition, 1))
 
     def forward(self, rgb: torch.Tensor, matte: torch.Tensor) -> torch.Tensor:
         """[B, 3, P, P] linear and [B, 1, P, P] to [B, condition, P/2, P/2]."""
@@ -104,9 +120,8 @@ class Reader(nn.Module):
         bottom = self.down2(middle)
         for block in self.bottom:
             bottom = block(bottom)
-        middle = self.rise2(middle + _doubled(self.up2(bottom)))
-        top = self.rise1(top + _doubled(self.up1(middle)))
-        return self.out(top)
+        middle = self.rise2(self.merge2(middle, bottom))
+        return self.out(self.rise1(self.merge1(top, middle)))
 
 
 class Denoiser(nn.Module):
@@ -124,8 +139,7 @@ class Denoiser(nn.Module):
         self.stem = nn.Conv2d(8 + shape.smooth_planes + shape.condition, a, 3, padding=1)
         self.down = nn.Conv2d(a, b, 2, stride=2)
         self.middle = nn.ModuleList([Block(b, time) for _ in range(2)])
-        self.up = nn.Conv2d(b, a, 1)
-        self.last = Block(a, time)
+        self.merge, self.last = Merge(a, b), Block(a, time)
         self.out = nn.Sequential(PixelNorm(a), nn.SiLU(), nn.Conv2d(a, 8, 3, padding=1))
 
     def forward(
@@ -149,7 +163,7 @@ class Denoiser(nn.Module):
         middle = self.down(top)
         for block in self.middle:
             middle = block(middle, embedding)
-        return F.pixel_shuffle(self.out(self.last(top + _doubled(self.up(middle)), embedding)), 2)
+        return F.pixel_shuffle(self.out(self.last(self.merge(top, middle), embedding)), 2)
 
 
 class Network(nn.Module):
@@ -166,7 +180,3 @@ def noised(clean: torch.Tensor, noise: torch.Tensor, time: torch.Tensor) -> torc
     """x_t = cos(pi t / 2) x_0 + sin(pi t / 2) noise (variance preserving, cosine schedule); time [B]."""
     angle = time[:, None, None, None] * (torch.pi / 2)
     return angle.cos() * clean + angle.sin() * noise
-
-
-def _doubled(x: torch.Tensor) -> torch.Tensor:
-    return F.interpolate(x, scale_factor=2, mode="nearest")

@@ -2,13 +2,17 @@ import json
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from yesnt.camera import Camera
-from yesnt.errors import MissingPartError, YesntError
+from yesnt.errors import JobError, MissingPartError, YesntError
+from yesnt.io.exr import read_image
 from yesnt.io.jobfile import load_shot
 from yesnt.stage.jobs import stage_jobs
-from yesnt.stage.render import find_receipt, render, shot_folder
+from yesnt.stage.reference import fill_outwards
+from yesnt.stage.render import find_receipt, render
+from yesnt.stage.shotfiles import shot_folder
 from yesnt.stage.tools import Tools, run_anny
 
 PER_JOB = 1 + 1 + 3  # geometry, proxy, three lights
@@ -101,6 +105,28 @@ def test_a_damaged_record_is_no_record(job, fake, tmp_path):
     assert find_receipt(job, tmp_path / "out") is None
 
 
+def test_the_reference_completes_a_shot_and_needs_it(fake, tmp_path):
+    reference, job = (stage_jobs(name, small=True)[0] for name in ("reference", "objects"))
+    with pytest.raises(JobError, match="render its set first"):
+        render(reference, tmp_path / "out", fake)
+    shot = render(job, tmp_path / "out", fake)
+    receipt = render(reference, tmp_path / "out", fake)
+    assert receipt.folder == shot.folder
+    assert set(receipt.files) == {"truth/proxy_sky.1001.exr", "truth/proxy_studio.1001.exr"}
+    assert find_receipt(job, tmp_path / "out") is not None
+
+
+def test_colours_are_carried_outwards():
+    color = np.zeros((3, 5, 3), dtype=np.float32)
+    color[:, 1], color[:, 3] = 0.25, 0.75
+    solid = np.zeros((3, 5), dtype=bool)
+    solid[:, [1, 3]] = True
+    filled = fill_outwards(color, solid)
+    assert (filled[:, :2] == 0.25).all()
+    assert (filled[:, 3:] == 0.75).all()
+    assert (fill_outwards(color, np.zeros_like(solid)) == color).all()
+
+
 def test_without_anny_the_error_says_how_to_get_it(fake, tmp_path):
     with pytest.raises(MissingPartError, match="make blender"):
         run_anny(fake, [], tmp_path)
@@ -112,3 +138,8 @@ def test_the_small_objects_render_and_render_the_same(tools, tmp_path):
     first = [render(job, tmp_path / "first", tools) for job in jobs]
     assert [receipt.rendered for receipt in first] == [PER_JOB] * len(jobs)
     assert render(jobs[0], tmp_path / "second", tools).files == first[0].files
+    reference = stage_jobs("reference", small=True)[0]
+    folder = Path(render(reference, tmp_path / "first", tools).folder)
+    matte, proxy = (read_image(folder / "truth" / f"{k}_studio.1001.exr").stack("RGBA") for k in ("relit", "proxy"))
+    assert np.abs(matte[..., 3] - proxy[..., 3]).mean() < 0.01  # the mesh lies where the shot does
+    assert np.corrcoef(matte[..., 0].ravel(), proxy[..., 0].ravel())[0, 1] > 0.8

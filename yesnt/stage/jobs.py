@@ -63,6 +63,7 @@ class StageSet:
         moving: False: all frames show the first moment (views of one pose).
         samples: of Cycles, before denoising.
         field: focal length over picture height.
+        completes: the set whose shots get Cycles' pictures of their proxy mesh from this one.
     """
 
     subjects: tuple[str, ...]
@@ -75,6 +76,7 @@ class StageSet:
     moving: bool = True
     samples: int = 32
     field: float = 1.45
+    completes: str | None = None
 
 
 _ANIMATED = ("boxer", "dancer", "fox")
@@ -88,12 +90,15 @@ SETS: Mapping[str, StageSet] = MappingProxyType({
                          samples=64),
     "objects": StageSet(_OBJECTS, (1001, 1001), (CAPTURE, *_BLENDER_MAPS, *_NPM_MAPS), 256, 256,
                         CameraPath(18, 0, 16), 1),
+    "reference": StageSet(_OBJECTS, (1001, 1001), (*_BLENDER_MAPS, *_NPM_MAPS), 256, 256, CameraPath(18, 0, 16), 1,
+                          completes="objects"),
     "sequences": StageSet(_ANIMATED, (1001, 1024), (CAPTURE, "city", "courtyard", "photo_studio"), 256, 384,
                           CameraPath(10, -0.5, 6), 6),
     "multiview": StageSet(_ANIMATED, (1001, 1024), (CAPTURE,), 256, 384, CameraPath(0, 15, 2, 24), 12, moving=False),
     "heldout": StageSet(_ANIMATED, (1001, 1006), (CAPTURE,), 256, 384, CameraPath(22.5, 60, 12), 6, moving=False),
 })  # fmt: skip
-"""Every set by name. `heldout` are views of the `multiview` subjects from elsewhere, for the Gaussian stage."""
+"""Every set by name. `heldout` are views of the `multiview` subjects from elsewhere, for the Gaussian stage;
+`reference` needs `objects` and adds the proxy mesh, coloured by the plate, as Cycles relights it."""
 
 _SMALL = ("vase", "knot")
 """The subset that tests render; it needs nothing fetched but Blender itself."""
@@ -162,7 +167,7 @@ def stage_jobs(set_name: str, small: bool = False) -> tuple[RenderJob, ...]:
     """Every job of a set, in the order in which pictures are wanted.
 
     Args:
-        set_name: "embedded", "objects", "sequences", "multiview" or "heldout".
+        set_name: "embedded", "objects", "reference", "sequences", "multiview" or "heldout".
         small: two objects under two maps at 64x64 instead of the objects set; for others their first frames, small.
 
     Raises:
@@ -184,8 +189,9 @@ def stage_jobs(set_name: str, small: bool = False) -> tuple[RenderJob, ...]:
 
 def _shrunk(set_name: str) -> StageSet:
     stage_set = SETS[set_name]
-    if set_name == "objects":
-        return replace(stage_set, subjects=_SMALL, lights=_SMALL_LIGHTS, width=64, height=64, samples=16)
+    if "objects" in (set_name, stage_set.completes):
+        lights = _SMALL_LIGHTS[1:] if stage_set.completes else _SMALL_LIGHTS
+        return replace(stage_set, subjects=_SMALL, lights=lights, width=64, height=64, samples=16)
     first, last = stage_set.frames
     return replace(
         stage_set,

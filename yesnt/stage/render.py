@@ -17,6 +17,8 @@ from yesnt.io.exr import write_exr
 from yesnt.stage import develop
 from yesnt.stage.jobs import CAPTURE, SETS, RenderJob
 from yesnt.stage.maps import map_path
+from yesnt.stage.reference import projected
+from yesnt.stage.shotfiles import shot_folder, write_static_files
 from yesnt.stage.subjects import prepare
 from yesnt.stage.tools import Tools, run_blender
 
@@ -41,11 +43,6 @@ class Receipt:
     files: Mapping[str, str]
     seconds: float
     rendered: int
-
-
-def shot_folder(job: RenderJob, out_dir: Path) -> Path:
-    """Where a job's shot lies: `out_dir/SET/SUBJECT`, and `out_dir/SET-small/SUBJECT` for the small ones."""
-    return Path(out_dir) / (f"{job.set_name}-small" if _is_small(job) else job.set_name) / job.subject
 
 
 def find_receipt(job: RenderJob, out_dir: Path) -> Receipt | None:
@@ -86,7 +83,9 @@ def render(job: RenderJob, out_dir: Path, tools: Tools) -> Receipt:
     if missing:
         run_blender(tools, _request(job, missing, raw, tools), raw)
     files = [name for frame in job.frames for name in _develop(job, frame, raw, folder)]
-    digests = {name: _digest(folder / name) for name in sorted([*files, *_static_files(job, folder, tools)])}
+    if SETS[job.set_name].completes is None:
+        files += write_static_files(job, folder, tools)
+    digests = {name: _digest(folder / name) for name in sorted(files)}
     receipt = Receipt(job.key, str(folder), digests, time.perf_counter() - start, len(missing))
     record = {"key": job.key, "job": job.to_json(), "files": digests, "seconds": receipt.seconds}
     write_json(_record_path(job, folder), record)
@@ -129,9 +128,13 @@ def _is_whole(path: Path) -> bool:
 def _request(job: RenderJob, renders: list[dict[str, Any]], raw: Path, tools: Tools) -> dict[str, Any]:
     """The request of `inside_blender/main.py`; one frame more on either side, for the motion vectors."""
     frames = range(job.frames[0] - 1, job.frames[-1] + 2)
-    subject = prepare(job.subject, [job.seconds(f) for f in frames], tools, raw)
+    stage_set = SETS[job.set_name]
+    if stage_set.completes:
+        subject = projected(job, raw, raw.parent.parent)
+    else:
+        subject = prepare(job.subject, [job.seconds(f) for f in frames], tools, raw)
     return {
-        "subject": {**subject, "start": SETS[job.set_name].frames[0]},
+        "subject": {**subject, "start": stage_set.frames[0]},
         "width": job.width, "height": job.height, "fx": job.focal,
         "samples": job.samples, "threads": tools.threads, "proxy_triangles": PROXY_TRIANGLES,
         "frames": [
@@ -144,10 +147,11 @@ def _request(job: RenderJob, renders: list[dict[str, Any]], raw: Path, tools: To
 def _develop(job: RenderJob, frame: int, raw: Path, folder: Path) -> list[str]:
     """Writes one frame's files; returns their names."""
     made: dict[str, dict[str, Any]] = {}
+    kind = "proxy" if SETS[job.set_name].completes else "relit"
     for light in job.lights:
         lit = develop.read_passes(raw / f"{light}.{frame}.exr")
         if light != CAPTURE:
-            made[f"truth/relit_{light}.{frame}.exr"] = develop.picture(lit)
+            made[f"truth/{kind}_{light}.{frame}.exr"] = develop.picture(lit)
             continue
         points = develop.read_passes(raw / f"geometry.{frame}.exr")
         made[f"plate.{frame}.exr"] = develop.picture(lit)
@@ -161,49 +165,3 @@ def _develop(job: RenderJob, frame: int, raw: Path, folder: Path) -> list[str]:
         return list(made)
     write_bytes(folder / f"proxy.{frame}.ply", (raw / f"proxy.{frame}.ply").read_bytes())
     return [*made, f"proxy.{frame}.ply"]
-
-
-def _static_files(job: RenderJob, folder: Path, tools: Tools) -> list[str]:
-    """Camera, lights and shot.yaml: the same bytes whichever job of the shot writes them."""
-    for light in job.lights:
-        write_bytes(folder / "env" / f"{light}.exr", map_path(light, tools).read_bytes())
-    frames = shot_frames(job)
-    camera = {
-        "width": job.width, "height": job.height, "fx": job.focal, "fy": job.focal,
-        "cx": job.width / 2, "cy": job.height / 2,
-        "frames": {str(f): {"world_from_camera": job.pose(f).ravel().tolist()} for f in frames},
-    }  # fmt: skip
-    write_json(folder / "camera.json", camera)
-    write_bytes(folder / "shot.yaml", shot_yaml(job).encode())
-    return [*(f"env/{light}.exr" for light in job.lights), "camera.json", "shot.yaml"]
-
-
-def shot_frames(job: RenderJob) -> range:
-    """All frames of the shot that a job belongs to (of a small set: of the job)."""
-    first, last = SETS[job.set_name].frames
-    return range(job.frames[0], job.frames[-1] + 1) if _is_small(job) else range(first, last + 1)
-
-
-def _is_small(job: RenderJob) -> bool:
-    return job.height != SETS[job.set_name].height
-
-
-def shot_yaml(job: RenderJob) -> str:
-    """The job file of the shot, lit by its first truth light (contract.md)."""
-    frames = shot_frames(job)
-    light = next((name for name in job.lights if name != CAPTURE), CAPTURE)
-    return (
-        "version: 1\n"
-        f"name: {job.subject}\n"
-        f"frames: {frames[0]}-{frames[-1]}\n"
-        "plate:   {path: plate.####.exr, colorspace: lin_rec709}\n"
-        "gbuffer: {path: gbuffer.####.exr, z: depth.Z, normal: N, normal_space: world}\n"
-        "camera:  camera.json\n"
-        "proxy:   {path: proxy.####.ply}\n"
-        f"light:   {{path: env/{light}.exr, convention: blender, rotation: [0, 0, 0], exposure: 0}}\n"
-        f"capture_light: {{path: env/{CAPTURE}.exr}}\n"
-        "decompose: {backend: embedded, samples: 4}\n"
-        "quality: standard\n"
-        "seed: 0\n"
-        "output:  out\n"
-    )

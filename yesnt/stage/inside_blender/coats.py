@@ -101,6 +101,21 @@ def mottle(tree: Any, shader: Any, low: float, high: float) -> None:
     nodes.feed(shader.inputs["Roughness"], nodes.spread(noise.outputs[0], low, high, (0.35, 0.65)))
 
 
+def projected_material(picture: str, roughness: float) -> Any:
+    """A dull surface whose colour is read from a picture at the point's place in the camera's view."""
+    material = bpy.data.materials.new("projected")
+    material.use_nodes = True
+    nodes = Nodes(material.node_tree)
+    shader = next(n for n in material.node_tree.nodes if n.type == "BSDF_PRINCIPLED")
+    image = nodes.node("ShaderNodeTexImage", image=bpy.data.images.load(picture), extension="EXTEND")
+    image.image.colorspace_settings.name = "Linear Rec.709"
+    nodes.feed(image.inputs["Vector"], nodes.node("ShaderNodeTexCoord").outputs["Window"])
+    nodes.feed(shader.inputs["Base Color"], image.outputs["Color"])
+    shader.inputs["Roughness"].default_value = roughness
+    truth_outputs(material.node_tree, shader)
+    return material
+
+
 def coat_material(layers: list[dict[str, Any]]) -> Any:
     """One material for a whole coat: each layer covers those before it where its fields say so."""
     material = bpy.data.materials.new("coat")

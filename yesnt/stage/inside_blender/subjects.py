@@ -13,7 +13,8 @@ import numpy as np
 
 def add_subject(subject: dict[str, Any], frames: list[dict[str, Any]]) -> list[Any]:
     """Adds what the request describes; returns its mesh objects."""
-    return {"mesh": _add_archive, "gltf": _add_gltf}[subject["kind"]](subject, frames)
+    makers = {"mesh": _add_archive, "gltf": _add_gltf, "projected": _add_projected}
+    return makers[subject["kind"]](subject, frames)
 
 
 def linear(owner: Any) -> None:
@@ -67,6 +68,16 @@ def _animate(thing: Any, shapes: Any, frames: list[dict[str, Any]]) -> None:
             key.value = value
             key.keyframe_insert("value", frame=frame["frame"] + offset)
     linear(thing.data.shape_keys)
+
+
+def _add_projected(subject: dict[str, Any], frames: list[dict[str, Any]]) -> list[Any]:
+    """A mesh in world space, coloured by a picture that is projected from the camera."""
+    bpy.ops.wm.ply_import(filepath=subject["mesh"], forward_axis="Y", up_axis="Z")
+    thing = bpy.context.selected_objects[0]
+    thing.data.shade_smooth()
+    thing.data.materials.clear()
+    thing.data.materials.append(coats.projected_material(subject["image"], subject["roughness"]))
+    return [thing]
 
 
 def _add_gltf(subject: dict[str, Any], frames: list[dict[str, Any]]) -> list[Any]:

@@ -11,13 +11,11 @@ from numpy.typing import NDArray
 
 from yesnt.decompose.backend import Backend
 from yesnt.decompose.blend import Patch, PatchGrid, PatchSum
+from yesnt.decompose.confidence import confidence as confidence
 from yesnt.decompose.noise_planes import ensemble_noise
 from yesnt.decompose.settings import EnsembleSettings
 
 Float32 = NDArray[np.float32]
-
-LARGEST_STD = 0.5
-"""The largest population standard deviation of a quantity in [0, 1]."""
 
 _MEMORY_FOR_MEMBERS = 256 << 20
 """Bytes for members that are in memory together, at least one; a patch is encoded once for all of them."""
@@ -38,11 +36,6 @@ class Estimate:
     std: Float32
     evaluations: Float32
     total_evaluations: int
-
-
-def confidence(std: Float32, divisor: float = LARGEST_STD) -> Float32:
-    """1 - clip(std / divisor, 0, 1) (method.md section 3), any shape."""
-    return (1 - np.clip(std / divisor, 0, 1)).astype(np.float32)
 
 
 def decompose_frame(

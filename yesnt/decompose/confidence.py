@@ -1,0 +1,16 @@
+"""From the spread of the members to the weight of an observation (method.md section 3); no torch needed."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float32 = NDArray[np.float32]
+
+LARGEST_STD = 0.5
+"""The largest population standard deviation of a quantity in [0, 1]."""
+
+
+def confidence(std: Float32, divisor: float = LARGEST_STD) -> Float32:
+    """1 - clip(std / divisor, 0, 1), any shape."""
+    return (1 - np.clip(std / divisor, 0, 1)).astype(np.float32)

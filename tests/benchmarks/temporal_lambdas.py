@@ -4,7 +4,7 @@
 
 SHOT_FOLDER holds plate.####.exr and truth/material.####.exr. Noise of an ensemble is added to the true materials at
 three strengths (a smooth error that members share, a smooth and a white one of each member, an offset of each frame).
-Writes sweep.json and sweep.svg: RMSE to the truth against RMSE of the frame-to-frame difference, both over the noisy
+Writes temporal-sweep.json and temporal-sweep.svg (kept in docs/): RMSE to the truth against RMSE of the frame-to-frame difference, both over the noisy
 input's, one point per setting, mean of channels, strengths and seeds.
 """
 
@@ -91,7 +91,12 @@ def sweep(folder, settings):
             ratios.append(errors(value, truth, matte) / noisy)
         ratio = np.array(ratios).reshape(len(STRENGTHS), 2, 2, 2).mean(axis=1)
         rows.append(
-            {"lambda1": lambda1, "lambda2": lambda2, "delta": delta, "strength_channel_rmse_diff": ratio.tolist()}
+            {
+                "lambda1": lambda1,
+                "lambda2": lambda2,
+                "delta": delta,
+                "strength_channel_rmse_diff": ratio.round(4).tolist(),
+            }
         )
         rmse, difference = ratio.mean(axis=(0, 1))
         worst = ratio.reshape(-1, 2).max(axis=0)
@@ -128,8 +133,8 @@ def main():
     parser.add_argument("--out", type=Path, default=Path())
     options = parser.parse_args()
     rows = sweep(options.shot, itertools.product(LAMBDA1, LAMBDA2, DELTA))
-    (options.out / "sweep.json").write_text(json.dumps(rows, indent=1))
-    (options.out / "sweep.svg").write_text(plot(rows))
+    (options.out / "temporal-sweep.json").write_text("[\n" + ",\n".join(map(json.dumps, rows)) + "\n]\n")
+    (options.out / "temporal-sweep.svg").write_text(plot(rows))
 
 
 if __name__ == "__main__":

@@ -23,9 +23,9 @@ class EnergyParams:
         ValueError: a value is not finite or out of range.
     """
 
-    delta: float = 0.05
-    lambda1: float = 0.01
-    lambda2: float = 3.0
+    delta: float = 0.1
+    lambda1: float = 0.005
+    lambda2: float = 2.0
     eps: float = 1e-3
 
     def __post_init__(self) -> None:

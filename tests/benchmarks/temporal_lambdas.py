@@ -4,8 +4,8 @@
 
 SHOT_FOLDER holds plate.####.exr and truth/material.####.exr. Noise of an ensemble is added to the true materials at
 three strengths (a smooth error that members share, a smooth and a white one of each member, an offset of each frame).
-Writes temporal-sweep.json and temporal-sweep.svg (kept in docs/): RMSE to the truth against RMSE of the frame-to-frame difference, both over the noisy
-input's, one point per setting, mean of channels, strengths and seeds.
+Writes temporal-sweep.json and temporal-sweep.svg (kept in docs/): RMSE to the truth against RMSE of the frame-to-frame
+difference, both over the noisy input's, one point per setting, mean of channels, strengths and seeds.
 """
 
 import argparse

@@ -16,7 +16,7 @@ def rng():
 
 def test_a_perfect_estimate(rng):
     truth = rng.random(100)
-    found = {m.name: m.value for m in measure_material(truth, truth)}
+    found = {m.name: m.value for m in measure_material(truth, truth, binary=True)}
     assert found["rmse"] == found["bias"] == 0
     assert found["auc"] == 1
 

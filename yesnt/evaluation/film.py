@@ -70,13 +70,14 @@ def material(space: Workspace) -> None:
     facts: dict[str, Any] = {"material": {}, "sparsification": {}}
     with space.kernel():
         for i, plane in enumerate(PLANES):
-            error = values["observed"][i] - values["true"][i]
+            true, mean, spread = values["true"][i], values["observed"][i], values["spread"][i]
+            error, metal = mean - true, plane == "metallic"
             facts["material"][plane] = {
-                "observed": _as_dict(measure_material(values["observed"][i], values["true"][i], values["spread"][i])),
-                "own": _as_dict(measure_material(values["own"][i], values["true"][i])),
+                "observed": _as_dict(measure_material(mean, true, spread, metal)),
+                "own": _as_dict(measure_material(values["own"][i], true, None, metal)),
             }
             facts["sparsification"][plane] = {
-                "spread": sparsification(error, values["spread"][i]).tolist(),
+                "spread": sparsification(error, spread).tolist(),
                 "oracle": sparsification(error, np.abs(error)).tolist(),
             }
         if subject.has_flow(job.frames):

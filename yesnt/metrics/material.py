@@ -15,15 +15,23 @@ KEPT = np.linspace(1.0, 0.05, 20)
 """Shares of the pixels that the sparsification curve is sampled at."""
 
 
-def measure_material(estimate: Values, truth: Values, std: Values | None = None) -> list[Metric]:
-    """Every number of one material plane over matte pixels [n]; calibration only where there is a spread."""
+def measure_material(estimate: Values, truth: Values, std: Values | None = None, binary: bool = False) -> list[Metric]:
+    """Every number of one material plane over matte pixels [n].
+
+    Args:
+        estimate: the plane.
+        truth: the true plane.
+        std: the ensemble's standard deviation, for the numbers of calibration.
+        binary: whether the truth is a class (metal or not) that the estimate should tell.
+    """
     error = np.asarray(estimate, float) - np.asarray(truth, float)
     found = [
         named("rmse", root_mean_square(error)),
         named("bias", float(error.mean())),
         named("constant_rmse", float(np.std(truth, dtype=float))),
-        named("auc", area_under_curve(estimate, np.asarray(truth) > 0.5)),
     ]
+    if binary:
+        found.append(named("auc", area_under_curve(estimate, np.asarray(truth) > 0.5)))
     if std is not None:
         found += [named("spearman", spearman(std, np.abs(error))), named("ause", ause(error, std))]
     return found

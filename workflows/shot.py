@@ -1,5 +1,8 @@
-"""The product in one sentence: every frame is decomposed, flow links it to the next, chunks are solved along the flow,
-and each frame is relit and composited as soon as its chunk is solved."""  # noqa: D205, D209
+"""The product in one sentence, as a graph.
+
+Every frame is decomposed, flow links it to the next, chunks are weighed and solved along the flow, and each frame is
+relit and composited as soon as its chunk is solved.
+"""
 
 from __future__ import annotations
 
@@ -22,16 +25,11 @@ def _nodes(plan: ShotPlan) -> Iterator[Node]:
             keys[node.stage, frame] = node.frame_key(frame)
         return node
 
-    for frame in plan.present:
-        yield add(plan.decompose(frame))
-    for frame in plan.linked:
-        yield add(plan.flow(frame))
-    for sweep, blocks in plan.sweeps():
-        for block in blocks:
-            yield add(plan.solve(sweep, block, keys))
-    for frame in plan.delivered:
-        yield add(plan.relight(frame, keys))
-    for frame in plan.delivered:
-        yield add(plan.composite(frame, keys))
+    yield from map(add, map(plan.decompose, plan.present))
+    yield from map(add, map(plan.flow, plan.linked))
+    yield from (add(plan.trust(block, keys)) for block in plan.blocks)
+    yield from (add(plan.solve(sweep, block, keys)) for sweep, block in plan.solved())
+    yield from (add(plan.relight(frame, keys)) for frame in plan.delivered)
+    yield from (add(plan.composite(frame, keys)) for frame in plan.delivered)
     if plan.delivered:
         yield add(plan.preview(keys))

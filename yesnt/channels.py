@@ -44,6 +44,7 @@ _ALL = (
     Channel("observed", 2, "float32", "1", "roughness, metallic", 0.0, 1.0),
     Channel("spread", 2, "float32", "1", "roughness, metallic", 0.0, 0.5,
             ("roughness_std.Y", "metallic_std.Y")),
+    Channel("confidence", 2, "float32", "1", "roughness, metallic", 0.0, 1.0),
     Channel("flow", 2, "float32", "pixels", "(dx, dy), t -> t+1", None, None),
     Channel("validity", 1, "float32", "1", "", 0.0, 1.0),
     Channel("material", 2, "float32", "1", "roughness, metallic", 0.0, 1.0, ("roughness.Y", "metallic.Y")),
@@ -62,7 +63,18 @@ _ALL = (
 CHANNELS = MappingProxyType({channel.name: channel for channel in _ALL})
 """Every channel by name."""
 
-STORED = ("observed", "spread", "flow", "validity", "material", "base_color", "diffuse", "specular", "shadow")
+STORED = (
+    "observed",
+    "spread",
+    "confidence",
+    "flow",
+    "validity",
+    "material",
+    "base_color",
+    "diffuse",
+    "specular",
+    "shadow",
+)
 """Channels that live in the frame store."""
 
 DELIVERED = ("composite", "relit", "diffuse", "specular", "shadow", "material", "spread", "normal", "z")

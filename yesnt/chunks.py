@@ -12,9 +12,8 @@ from yesnt.temporal.params import EnergyParams
 TYPICAL_CONFIDENCE = 0.1
 """Data weight that the halo is made for: weaker tracks are rarer, and the exchange sweeps reach them."""
 
-WEAKEST_CONFIDENCE = 0.005
-"""Data weight that the planned sweeps are enough for. Lower than any confidence in practice, because a residual in
-Huber's tail pulls with less than its confidence; sweeps that would change nothing are skipped."""
+WEAKEST_CONFIDENCE = 0.02
+"""Data weight up to which the planned sweeps reach the tolerance; each record of a chunk tells its last seam."""
 
 
 @dataclass(frozen=True)

@@ -39,6 +39,7 @@ COSTS: Mapping[str, Cost] = MappingProxyType(
     {
         "decompose": Cost(0.3, 25.0, 550, 300, 4),
         "flow": Cost(0.05, 2.0, 350, 150, 4),
+        "trust": Cost(0.2, 0.5, 400, 60, 2),
         "solve": Cost(0.5, 4.0, 400, 160, 2),
         "relight": Cost(0.2, 12.0, 500, 400, 8),
         "composite": Cost(0.05, 1.5, 400, 250, 18),
@@ -106,7 +107,7 @@ def forecast(session: Session) -> Forecast:
         if state.state != DONE:
             reasons[stage_of(state.stage).name].append(state.why.split(";")[0])
     rows = tuple(_row(session, graph, stage, reasons[stage]) for stage in STAGES)
-    return Forecast(rows, plan.chunks.halo, plan.sweep_count - 1, tuple(_left_out(session)), tuple(warnings))
+    return Forecast(rows, plan.chunks.halo, plan.exchanges, tuple(_left_out(session)), tuple(warnings))
 
 
 def _row(session: Session, graph: Graph, stage: str, reasons: list[str]) -> StageForecast:
@@ -115,7 +116,7 @@ def _row(session: Session, graph: Graph, stage: str, reasons: list[str]) -> Stag
     cost, pixels = COSTS[stage], session.job.width * session.job.height
     measured = _measured_seconds(session, nodes)
     model = cost.seconds + cost.seconds_per_megapixel * pixels * _held(nodes) / 1e6
-    sweeps = session.plan().sweep_count if stage == "solve" else 1
+    sweeps = 1 + session.plan().exchanges / 2 if stage == "solve" else 1
     return StageForecast(
         stage,
         len(todo),

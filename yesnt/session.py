@@ -166,11 +166,10 @@ class Session:
 
     def _sweep_transients(self) -> None:
         """Removes the solver's earlier sweeps once every chunk is solved: they are most of the store."""
-        graph = self.graph()
-        solved = all(is_done(self.book, node) for node in graph if node.stage == "solve")
-        for stage in {node.stage for node in graph if node.transient and solved}:
-            shutil.rmtree(self.book.folder / stage, ignore_errors=True)  # records first: no record without its frame
-            shutil.rmtree(self.output.store / stage, ignore_errors=True)
+        if all(is_done(self.book, node) for node in self.graph() if node.stage == "solve"):
+            for folder in (self.book.folder, self.output.store):  # records first: no record without its frame
+                for sweep in folder.glob("solve.*"):
+                    shutil.rmtree(sweep)
 
     def marked_dead(self) -> dict[tuple[str, int], str]:
         """Frames that killed their workers in an earlier run; `retry` takes the marks away."""

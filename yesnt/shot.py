@@ -82,7 +82,7 @@ class TemporalInput(_Part):
     tolerance: Annotated[float, Field(gt=0, le=1)] = 1e-4
     chunk: Annotated[int, Field(ge=1, le=4096)] = 16
     halo: Annotated[int, Field(ge=0, le=4096)] | None = None
-    sweeps: Annotated[int, Field(ge=0, le=16)] | None = None
+    sweeps: Annotated[int, Field(ge=0, le=256)] | None = None
     robust: bool = True
     knobs: dict[str, Knob] = Field(default_factory=dict)
 

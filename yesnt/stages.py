@@ -21,6 +21,7 @@ from yesnt.graph import Node
 from yesnt.io.jobfile import frame_path
 from yesnt.io.records import key_of
 from yesnt.shot import Job
+from yesnt.temporal.outliers import OUTLIER_HALO
 
 Keys = Mapping[tuple[str, int], str]
 
@@ -49,7 +50,8 @@ STAGES = {
     for stage in (
         Stage("decompose", 1, "frame", "plate", ("observed", "spread")),
         Stage("flow", 1, "frame and the next", "two plates", ("flow", "validity")),
-        Stage("solve", 1, "chunk with halo", "observed, spread, flow, validity", ("material",)),
+        Stage("trust", 1, "chunk with halo", "observed, spread, flow, validity", ("confidence",)),
+        Stage("solve", 1, "chunk with halo", "observed, confidence, flow, validity", ("material",)),
         Stage("relight", 1, "frame", "plate, G-buffer, proxy, material, light",
               ("base_color", "diffuse", "specular", "shadow")),
         Stage("composite", 1, "frame", "diffuse, specular, background"),
@@ -57,6 +59,10 @@ STAGES = {
     )
 }  # fmt: skip
 """Every stage by name, in order."""
+
+
+PER_CHUNK = ("trust", "solve")
+"""Stages whose nodes hold a chunk of frames."""
 
 
 def stage_of(name: str) -> Stage:
@@ -106,24 +112,39 @@ class ShotPlan:
         """Chunks with their halo, in positions of the sequence."""
         return chunk_blocks(len(self.job.frames), self.job.shot.temporal.chunk, self.chunks.halo)
 
-    def sweeps(self) -> Iterator[tuple[int, tuple[Block, ...]]]:
-        """The first solve (0) and then the exchanges between neighbouring chunks."""
-        for sweep in range(self.sweep_count):
-            yield sweep, self.blocks
-
     @property
-    def sweep_count(self) -> int:
-        """Solves of each chunk."""
-        return 1 if len(self.blocks) == 1 else 1 + self.chunks.sweeps
+    def exchanges(self) -> int:
+        """Sweeps after the first solve; none if there is one chunk only."""
+        return 0 if len(self.blocks) == 1 else self.chunks.sweeps
 
-    def solve_stage(self, sweep: int) -> str:
-        """The last sweep is the stage `solve`; those before it are `solve.0`, `solve.1`, ..."""
-        return "solve" if sweep == self.sweep_count - 1 else f"solve.{sweep}"
+    def solved(self) -> Iterator[tuple[int, Block]]:
+        """Which chunk is solved in which sweep: all in sweep 0, then odd ones and even ones in turn.
+
+        Neighbours that were solved side by side would pass each other by; in turn, half the solves do the same work.
+        """
+        for sweep in range(1 + self.exchanges):
+            yield from ((sweep, block) for block in self.blocks if sweep in self.sweeps_of(block.index))
+
+    def sweeps_of(self, chunk: int) -> tuple[int, ...]:
+        """Sweeps in which a chunk is solved."""
+        return (0, *(sweep for sweep in range(1, 1 + self.exchanges) if sweep % 2 == chunk % 2))
+
+    def solve_stage(self, chunk: int, sweep: int) -> str:
+        """A chunk's last solve is the stage `solve`; those before it are `solve.0`, `solve.1`, ..."""
+        return "solve" if sweep == self.sweeps_of(chunk)[-1] else f"solve.{sweep}"
+
+    def _stage_before(self, position: int, sweep: int) -> str:
+        """The stage that holds what was known of a position before a sweep."""
+        chunk = self._chunk_of(position)
+        return self.solve_stage(chunk, max(k for k in self.sweeps_of(chunk) if k < sweep))
+
+    def _chunk_of(self, position: int) -> int:
+        return next(b.index for b in self.blocks if b.core.start <= position < b.core.stop)
 
     def arrays(self) -> dict[str, str]:
         """Arrays of the store and the channel that each holds."""
         arrays = {name: name for stage in STAGES.values() for name in stage.arrays}
-        return arrays | {f"solve.{sweep}": "material" for sweep in range(self.sweep_count - 1)}
+        return arrays | {f"solve.{sweep}": "material" for sweep in range(self.exchanges)}
 
     @cached_property
     def job_digest(self) -> str:
@@ -152,37 +173,37 @@ class ShotPlan:
         settings = {"flow": dataclasses.asdict(of.flow_settings(shot)), "colorspace": shot.plate.colorspace}
         return self._node("flow", frame, settings, inputs)
 
-    def solve(self, sweep: int, block: Block, keys: Keys) -> Node:
-        """One chunk of the temporal solve; later sweeps take their neighbours' border frames from the sweep before."""
+    def trust(self, block: Block, keys: Keys) -> Node:
+        """The data weight of one chunk's frames: confidence, less where a frame contradicts its neighbours."""
         frames = self.job.frames
+        loaded = range(max(0, block.core.start - OUTLIER_HALO), min(len(frames), block.core.stop + OUTLIER_HALO))
+        settings = {
+            "robust": self.job.shot.temporal.robust,
+            "absent": sorted(self.absent & {frames[p] for p in loaded}),
+        }
+        fields = self._fields("trust", settings, {}, self._material(loaded), keys)
+        return self._chunk_node("trust", block, loaded, fields, {})
+
+    def solve(self, sweep: int, block: Block, keys: Keys) -> Node:
+        """One chunk of the temporal solve; after sweep 0 it takes its neighbours' frames from the sweeps before."""
+        frames, shot = self.job.frames, self.job.shot
         loaded = self.chunks.loaded(block, len(frames), sweep)
-        upstream = [("decompose", frames[p]) for p in loaded if frames[p] not in self.absent]
-        upstream += [("flow", frames[p]) for p in loaded[:-1] if frames[p] not in self.unlinked]
-        previous = self.solve_stage(sweep - 1) if sweep else None
-        if previous is not None:
-            upstream += [(previous, frames[p]) for p in loaded]
-            upstream += [(self.solve_stage(sweep - 2), frames[p]) for p in loaded if sweep > 1]
-        shot = self.job.shot
+        border = [p for p in loaded if p not in range(block.outer.start, block.outer.stop)]
+        last = max((k for k in self.sweeps_of(block.index) if k < sweep), default=0)
+        now = {frames[p]: self._stage_before(p, sweep) for p in loaded} if sweep else {}
+        then = {frames[p]: self._stage_before(p, last) for p in border} if last else {}
+        upstream = [("trust", frames[p]) for p in loaded] + self._material(loaded)
+        upstream += [(stage, frame) for known in (now, then) for frame, stage in known.items()]
         settings = {
             "energy": dataclasses.asdict(of.energy_params(shot)),
-            "temporal": shot.temporal.model_dump(mode="json", include={"enabled", "method", "tolerance", "robust"}),
+            "temporal": shot.temporal.model_dump(mode="json", include={"enabled", "method", "tolerance"}),
             "block": [block.core.start, block.core.stop, block.outer.start, block.outer.stop],
             "absent": sorted(self.absent & {frames[p] for p in loaded}),
             "sweep": sweep,
         }
-        stage = self.solve_stage(sweep)
-        arguments = {
-            "block": block,
-            "loaded": (loaded.start, loaded.stop),
-            "previous": previous,
-            "before_previous": self.solve_stage(sweep - 2) if sweep > 1 else None,
-            "absent": tuple(self.absent),
-            "unlinked": tuple(self.unlinked),
-        }
-        fields = self._fields(stage, settings, {}, upstream, keys)
-        needs = tuple(dict.fromkeys(self._node_of(name, frame) for name, frame in upstream))
-        core = tuple(frames[p] for p in block.core)
-        return Node(stage, block.index, core, fields, needs, arguments, transient=stage != "solve")
+        stage = self.solve_stage(block.index, sweep)
+        fields = self._fields(stage, settings, {}, list(dict.fromkeys(upstream)), keys)
+        return self._chunk_node(stage, block, loaded, fields, {"now": now, "then": then})
 
     def relight(self, frame: int, keys: Keys) -> Node:
         """One frame with the capture light taken out and the new light put in."""
@@ -221,6 +242,29 @@ class ShotPlan:
         needs = tuple(self._node_of(stage, frame) for stage, frame in upstream)
         return Node("preview", 0, (self.job.frames[0],), fields, needs, {"frames": self.delivered})
 
+    def _material(self, loaded: range) -> list[tuple[str, int]]:
+        """What stages before the solver know of these positions."""
+        frames = self.job.frames
+        found = [("decompose", frames[p]) for p in loaded if frames[p] not in self.absent]
+        return found + [("flow", frames[p]) for p in loaded[:-1] if frames[p] not in self.unlinked]
+
+    def _chunk_node(
+        self, stage: str, block: Block, loaded: range, fields: Mapping[str, Any], arguments: Mapping[str, Any]
+    ) -> Node:
+        frames = self.job.frames
+        upstream = [name.split(" ") for name in fields["upstream"]]
+        needs = tuple(dict.fromkeys(self._node_of(name, int(frame)) for name, frame in upstream))
+        told = {
+            "block": block,
+            "loaded": (loaded.start, loaded.stop),
+            "absent": tuple(sorted(self.absent)),
+            "unlinked": tuple(sorted(self.unlinked)),
+        }
+        core = tuple(frames[p] for p in block.core)
+        return Node(
+            stage, block.index, core, fields, needs, told | dict(arguments), transient=stage.startswith("solve.")
+        )
+
     def _node(
         self,
         stage: str,
@@ -255,9 +299,9 @@ class ShotPlan:
     def _node_of(self, stage: str, frame: int) -> tuple[str, int]:
         """The node that commits a frame of a stage."""
         position = self.job.position(frame)
-        if stage_of(stage).name != "solve":
+        if stage_of(stage).name not in PER_CHUNK:
             return (stage, position)
-        return (stage, next(b.index for b in self.blocks if b.core.start <= position < b.core.stop))
+        return (stage, self._chunk_of(position))
 
     def _inputs(self, frame: int, **patterns: str | None) -> dict[str, str]:
         return {

@@ -62,7 +62,7 @@ def decompose(space: Workspace) -> None:
 
 def flow(space: Workspace) -> None:
     """Flow of one frame to the next and its validity."""
-    from yesnt.temporal.flow import flow_and_validity, sample_next
+    from yesnt.temporal.flow import flow_and_validity, flow_validity
 
     job, frame = space.job, space.node.frames[0]
     after = job.frames[job.position(frame) + 1]
@@ -71,12 +71,19 @@ def flow(space: Workspace) -> None:
     if job.shot.flow.path is not None:
         vectors = capture.read_flow(job, frame)
         with space.kernel():
-            seen = sample_next(then.color, vectors, now.matte > 0.5, then.matte > 0.5)[1]
-            validity = seen.astype(np.float32)
+            inside = now.matte > 0.5, then.matte > 0.5
+            validity = flow_validity(vectors, None, now.color, then.color, *inside, settings)
     else:
         with space.kernel():
             vectors, validity = flow_and_validity(now.color, then.color, now.matte, then.matte, settings)
     space.commit(frame, {"flow": vectors.transpose(2, 0, 1), "validity": validity[None]})
+
+
+def trust(space: Workspace) -> None:
+    """The data weight of one chunk."""
+    from yesnt.solve_task import trust as run
+
+    run(space)
 
 
 def solve(space: Workspace) -> None:
@@ -232,6 +239,7 @@ def _prepared_light(root: str, spec: LightInput | None, digest: str, settings: A
 _TASKS: dict[str, Callable[[Workspace], None]] = {
     "decompose": decompose,
     "flow": flow,
+    "trust": trust,
     "solve": solve,
     "relight": relight,
     "composite": composite,

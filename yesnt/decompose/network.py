@@ -46,7 +46,14 @@ def _frozen(value: Any) -> Any:
 
 
 class PixelNorm(nn.LayerNorm):
-    """Layer norm over the channels of each pixel: a patch's empty surroundings do not enter, unlike with group norm."""
+    """Layer norm over the channels of each pixel: a patch's empty surroundings do not enter, unlike with group norm.
+
+    No scale and shift of its own: the convolution that follows has them, and their gradients, sums over all pixels, are
+    wrong by half in bfloat16.
+    """
+
+    def __init__(self, channels: int) -> None:
+        super().__init__(channels, elementwise_affine=False)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """[B, C, h, w] -> the same."""
@@ -109,9 +116,7 @@ class Reader(nn.Module):
 
     def forward(self, rgb: torch.Tensor, matte: torch.Tensor) -> torch.Tensor:
         """[B, 3, P, P] linear and [B, 1, P, P] to [B, condition, P/2, P/2]."""
-        # Logarithmic code: the shape of a highlight counts in ratios; 1/64 keeps black's noise small.
-        code = (torch.log1p(64 * rgb.clamp_min(0)) * (2 / 4.174387) - 1) * (matte > 0)
-        top = self.stem(F.pixel_unshuffle(torch.cat([code, matte], 1), 2))
+        top = self.stem(F.pixel_unshuffle(torch.cat([_colour_code(rgb) * (matte > 0), matte], 1), 2))
         for block in self.top:
             top = block(top)
         middle = self.down1(top)
@@ -180,3 +185,13 @@ def noised(clean: torch.Tensor, noise: torch.Tensor, time: torch.Tensor) -> torc
     """x_t = cos(pi t / 2) x_0 + sin(pi t / 2) noise (variance preserving, cosine schedule); time [B]."""
     angle = time[:, None, None, None] * (torch.pi / 2)
     return angle.cos() * clean + angle.sin() * noise
+
+
+def _colour_code(rgb: torch.Tensor) -> torch.Tensor:
+    """Linear colour [B, 3, h, w] to brightness and two hues, each of about unit variance.
+
+    Logarithms, since highlights and paints count in ratios and a hue must not depend on the exposure; 1/64 keeps the
+    noise of black small.
+    """
+    red, green, blue = torch.log(rgb.clamp_min(0) + 1 / 64).unbind(1)
+    return torch.stack([0.8 * (red + green + blue) / 3 + 1.1, 2.5 * (red - green) - 0.5, 2.5 * (blue - green) + 0.5], 1)

@@ -38,11 +38,11 @@ class TrainingSettings:
     """
 
     seed: int = 0
-    steps: int = 3000
-    batch: int = 16
+    steps: int = 4200
+    batch: int = 12
     crops: int = 2
     patch: int = 96
-    rate: float = 1.5e-3
+    rate: float = 3e-3
     ema: float = 0.998
     bfloat16: bool = True
 

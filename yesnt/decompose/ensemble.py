@@ -71,7 +71,7 @@ def estimate_frame(
     active, total = picture.grid.covering(picture.matte), 0
     at_once = max(1, _MEMORY_FOR_MEMBERS // (4 * (len(backend.noise_sigmas) + 2) * picture.matte.size))
     for members in settings.rounds():
-        active = _unsettled(picture.grid, active, picture.matte, moments, settings.tolerance)
+        active = _unsettled(picture.grid, active, picture.matte, moments, settings)
         for start in range(members.start, members.stop, at_once):
             block = range(start, min(start + at_once, members.stop))
             noises = [
@@ -130,24 +130,28 @@ class _Moments:
         safe = np.where(self.weight > 0, self.weight, 1)
         return self._mean, np.sqrt(np.maximum(self._squares, 0) / safe)
 
-    def standard_error(self) -> NDArray[np.float64]:
-        """[2, H, W] standard error of the mean as if members were independent (pairs do better); needs two members."""
+    def standard_error(self, antithetic: bool) -> NDArray[np.float64]:
+        """[2, H, W] standard error of the mean, of independent draws; needs two members.
+
+        An antithetic pair has no mean of its own to lose a degree of freedom to; that pairs do better than independent
+        draws is not counted.
+        """
         _, std = self.mean_and_std()
-        return std / np.sqrt(np.maximum(self.weight - 1, 1e-9))
+        return std / np.sqrt(np.maximum(self.weight - (0 if antithetic else 1), 1e-9))
 
 
 def _unsettled(
-    grid: PatchGrid, active: Sequence[Patch], matte: Float32, moments: _Moments, tolerance: float
+    grid: PatchGrid, active: Sequence[Patch], matte: Float32, moments: _Moments, settings: EnsembleSettings
 ) -> tuple[Patch, ...]:
     """The patches whose standard error (root mean square over the matte, the worse plane) exceeds the tolerance."""
-    if not moments.weight.any() or tolerance == 0:
+    if not moments.weight.any() or settings.tolerance == 0:
         return tuple(active)
-    square = moments.standard_error() ** 2
+    square = moments.standard_error(settings.antithetic) ** 2
     kept = []
     for patch in active:
         inside = grid.crop(matte, patch)
         mean_square = (grid.crop(square, patch) * inside).sum((1, 2)) / inside.sum()
-        if mean_square.max() > tolerance**2:
+        if mean_square.max() > settings.tolerance**2:
             kept.append(patch)
     return tuple(kept)
 

@@ -24,7 +24,7 @@ import numpy as np
 from numba import njit
 
 from yesnt.temporal.geometry import FIXED, HAS_DOWN, HAS_RIGHT
-from yesnt.temporal.kernels import links_from, links_into, pixels_of
+from yesnt.temporal.kernels import ONE, has_links, link_residual, pixels_of, scatter_next
 
 
 @njit(cache=True)
@@ -39,34 +39,71 @@ def _pixel_minimum(m, c, o, delta, low, high):
 
 
 @njit(cache=True)
-def _space_dual(t, qx, qy, out, geo, lambda1, eps):
-    """Adds D^T lambda1 q of frame t; returns - phi*."""
-    total, from_left = 0.0, 0.0
+def _add_duals(t, x, qx, qy, out, geo, lambda1, coupling):
+    """Adds D^T lambda1 q of frame t, and of its links the part that falls on frame t."""
+    from_left = 0.0
+    linked = has_links(t, geo)
     for p in pixels_of(t, geo):
-        x = np.float64(qx[p]) if geo.flags[p] & HAS_RIGHT else 0.0
-        y = np.float64(qy[p]) if geo.flags[p] & HAS_DOWN else 0.0
-        total += math.sqrt(max(0.0, 1.0 - x * x - y * y))
-        out[p] += from_left - lambda1 * (x + y)
-        from_left = lambda1 * x
+        to_right = lambda1 * qx[p] if geo.flags[p] & HAS_RIGHT else 0.0
+        to_down = lambda1 * qy[p] if geo.flags[p] & HAS_DOWN else 0.0
+        out[p] += from_left - to_right - to_down
+        from_left = to_right
         if geo.flags[p] & HAS_DOWN:
-            out[geo.down[p]] += lambda1 * y
-    return lambda1 * eps * total
+            out[geo.down[p]] += to_down
+        if linked:
+            out[p] -= coupling * geo.link[p] * link_residual(p, x, geo)
+
+
+@njit(cache=True)
+def _pass_on(p, excess, q, other, to, out, lambda1):
+    """Gives pixel p's excess to the pixel `to` through the dual q of the edge between them, as far as |q| <= 1 allows.
+
+    Returns:
+        The new q and the excess that is left.
+    """
+    room = math.sqrt(max(0.0, 1.0 - other * other))
+    new = min(room, max(-room, q + excess / lambda1))
+    moved = lambda1 * (new - q)
+    if moved * excess <= 0.0:
+        return q, excess
+    out[to] += moved
+    return new, excess - moved
 
 
 @njit(cache=True, nogil=True)
-def dual_value(first, last, x, qx, qy, scratch, values, geo, observed, confidence, params, box):
-    """Bound (1) per frame of first .. last - 1: `values` [T] sum to a lower bound on F over the box.
+def dual_value(x, qx, qy, out, geo, observed, confidence, params, box):
+    """Bound (1): a lower bound on F over the box.
 
     `x` [N] gives the temporal duals (and the values of fixed pixels), `qx`, `qy` [N] in the unit disc the spatial ones;
-    `box` is (low, high).
+    `box` is (low, high); `out` [N] is scratch. One pass repairs the duals on its way: where |m| exceeds c delta the
+    excess is handed to the right, down, or along the flow, since a pixel with room takes it at a cost of second order
+    while the box would charge its width. Any duals give a bound, so the repair needs no proof. It runs through all
+    frames in order, whatever the threads.
     """
     delta, lambda1, lambda2, eps = params
-    scratch[geo.frames[first] : geo.frames[last]] = 0.0
-    links_into(first, x, scratch, geo, 2.0 * lambda2)
-    for t in range(first, last):
-        total = _space_dual(t, qx, qy, scratch, geo, lambda1, eps)
-        total -= lambda2 * links_from(t, x, scratch, geo, 2.0 * lambda2, t + 1 < last)
+    total = 0.0
+    out[:] = 0.0
+    for t in range(len(geo.frames) - 1):
+        _add_duals(t, x, qx, qy, out, geo, lambda1, 2.0 * lambda2)
+        linked = has_links(t, geo)
         for p in pixels_of(t, geo):
-            low, high = (x[p], x[p]) if geo.flags[p] & FIXED else box
-            total += _pixel_minimum(scratch[p], confidence[p], np.float64(observed[p]), delta, low, high)
-        values[t] = total
+            fixed = geo.flags[p] & FIXED
+            limit = confidence[p] * delta
+            excess = 0.0 if fixed else out[p] - min(limit, max(-limit, out[p]))
+            u = np.float64(qx[p]) if geo.flags[p] & HAS_RIGHT else 0.0
+            v = np.float64(qy[p]) if geo.flags[p] & HAS_DOWN else 0.0
+            kept = out[p] - excess
+            if excess != 0.0 and lambda1 > 0:
+                if geo.flags[p] & HAS_RIGHT:
+                    u, excess = _pass_on(p, excess, u, v, p + ONE, out, lambda1)
+                if geo.flags[p] & HAS_DOWN:
+                    v, excess = _pass_on(p, excess, v, u, geo.down[p], out, lambda1)
+            total += lambda1 * eps * math.sqrt(max(0.0, 1.0 - u * u - v * v))
+            if linked and geo.link[p] > 0 and lambda2 > 0:
+                flux = 2.0 * lambda2 * geo.link[p] * link_residual(p, x, geo) + excess
+                excess = 0.0
+                total -= flux * flux / (4.0 * lambda2 * geo.link[p])
+                scatter_next(p, flux, out, geo)
+            low, high = (x[p], x[p]) if fixed else box
+            total += _pixel_minimum(kept + excess, confidence[p], np.float64(observed[p]), delta, low, high)
+    return total

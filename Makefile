@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/ready
+BENCHMARKS := engine_overhead engine_memory temporal_speed relight_speed
 
 .PHONY: demo test test-long lint bench blender clean help
 
@@ -28,7 +29,19 @@ lint: $(READY)  ## style and types
 	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
 
 bench: $(READY)  ## ratios that the documentation quotes; writes nothing
-	for script in tests/benchmarks/*.py; do $(BIN)/python $$script || exit 1; done
+	for name in $(BENCHMARKS); do echo "== $$name"; $(BIN)/python tests/benchmarks/$$name.py || exit 1; done
+
+blender: .venv-blender/ready .venv-anny/ready  ## Blender and the parametric human, each in its own environment
+
+.venv-blender/ready:
+	$(PYTHON) -m venv .venv-blender
+	.venv-blender/bin/pip install --quiet --disable-pip-version-check 'bpy==5.0.1' 'numpy<2'
+	touch $@
+
+.venv-anny/ready: constraints.txt
+	$(PYTHON) -m venv .venv-anny
+	.venv-anny/bin/pip install --quiet --disable-pip-version-check -c constraints.txt 'anny==0.6.2' torch
+	touch $@
 
 clean:  ## remove what the targets made
-	rm -rf $(VENV) .venv-blender demo build *.egg-info
+	rm -rf $(VENV) .venv-blender .venv-anny demo build *.egg-info

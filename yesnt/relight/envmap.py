@@ -28,7 +28,7 @@ worlds become Z-up as every glTF importer does it: (x, y, z) -> (x, -z, y). All 
 """
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # a map is itself: comparing megabytes would never be meant
 class EnvMap:
     """Radiance that arrives from infinitely far.
 
@@ -66,9 +66,9 @@ class EnvMap:
         Raises:
             JobError: a colour channel is absent, or as `from_array`.
         """
-        from yesnt.io.exr import read_exr  # the one upward import: a map is usually a file
+        from yesnt.io.exr import read_image  # the one upward import: a map is usually a file
 
-        channels = read_exr(Path(path)).channels
+        channels = read_image(Path(path)).channels
         missing = [name for name in "RGB" if name not in channels]
         if missing:
             raise JobError(

@@ -1,8 +1,8 @@
 """A guess of the light that a plate was shot under, from the shot itself, for when no capture map is given.
 
 Pixels of one chromaticity are taken to share one albedo; what then varies with the normal is irradiance. It is fitted
-as spherical harmonics of bands 0-2, which hold 99 % of any irradiance (Ramamoorthi & Hanrahan 2001). Albedo and light are
-known only up to a factor per channel, so the mean radiance is set to 1 in each: the guess holds the light's shape, not
+as spherical harmonics of bands 0-2, which hold 99 % of any irradiance (Ramamoorthi & Hanrahan 2001). Albedo and light
+are known only up to a factor per channel, so the mean radiance is set to 1 in each: the guess holds its shape, not
 its colour. Occlusion and texture look like a weak gradient: a weak fit is given up for the uniform light.
 """
 

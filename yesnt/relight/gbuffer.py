@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from yesnt.camera import Camera
 from yesnt.relight.envmap import EnvMap
 from yesnt.relight.frame import finish_edges, prepare_relight, shade_pixels
+from yesnt.relight.lights import PreparedLight
 from yesnt.relight.occlusion import find_occluders
 from yesnt.relight.points import Surface, gather_pixels
 from yesnt.relight.settings import Brdf, RelightSettings, Shadows
@@ -85,6 +87,12 @@ def shade(
     base = np.asarray(gbuffer.base_color, dtype=np.float32).reshape(-1, 3)[pixels.index]
     base = np.clip(np.nan_to_num(base, nan=0.0), 0, 1)
     occluders = find_occluders(surface, pixels, None, settings)
-    relit = shade_pixels(base, pixels, occluders, prepare_relight(env, settings), settings)
+    relit = shade_pixels(base, pixels, occluders, _prepared(env, settings), settings)
     relit = finish_edges(relit, pixels.image(base), surface, settings)
     return Shading(relit.diffuse, relit.specular, relit.shadow, relit.radiance)
+
+
+@lru_cache(maxsize=2)
+def _prepared(env: EnvMap, settings: RelightSettings) -> PreparedLight:
+    """A shot asks for the same map frame after frame."""
+    return prepare_relight(env, settings)

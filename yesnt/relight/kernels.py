@@ -49,6 +49,9 @@ WHITE = slice(16, 20)
 
 COLUMNS = 20
 
+SHARP = 0.07
+"""alpha_ggx that 2,048 texels still resolve to 40 dB of the full sum (docs/relight.md)."""
+
 
 @dataclass(frozen=True)
 class ShadingPoints:
@@ -105,10 +108,10 @@ def sum_lobes(
 
 
 def sharp_below(light: PreparedLight, filtered: bool) -> np.float32:
-    """alpha_ggx below which a lobe takes the fine cells: 0.12 for 2,048 texels (errors: docs/relight.md)."""
+    """alpha_ggx below which a lobe takes the fine cells: it shrinks as the texels do."""
     texels = int(light.coarse_start[-1])
     fine = filtered and light.direction.shape[1] > texels
-    return np.float32(0.12 * math.sqrt(2048 / texels) if fine else 0.0)
+    return np.float32(SHARP * math.sqrt(2048 / texels) if fine else 0.0)
 
 
 @njit(cache=True, parallel=True, fastmath=True, error_model="numpy")
@@ -144,7 +147,7 @@ def _ranges(frame, cuts, ranges):  # type: ignore[no-untyped-def]  # noqa: ANN00
 def _sharp_ranges(frame, alpha, cuts, ranges):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """As `_ranges`, but one a cluster, with the cells of the fine grid where the cluster meets the lobe's core."""
     cone, coarse, fine = cuts[1], cuts[2], cuts[3]
-    margin = min(np.float32(0.1) + np.float32(6.0) * alpha, np.float32(1.5))
+    margin = min(np.float32(0.08) + np.float32(3.0) * alpha, np.float32(1.5))
     cos_m, sin_m = math.cos(margin), math.sin(margin)
     nv, tv = frame[9], frame[10]
     mx, my, mz = nv * frame[0] - tv * frame[3], nv * frame[1] - tv * frame[4], nv * frame[2] - tv * frame[5]

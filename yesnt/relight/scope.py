@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from yesnt.color import luminance
+from yesnt.relight.kernels import SHARP
 from yesnt.relight.lights import PreparedLight
 from yesnt.relight.settings import RelightSettings
 
@@ -71,7 +72,7 @@ def _metal(facts: SceneFacts, settings: RelightSettings) -> Requirement:
 
 def _sharp(facts: SceneFacts, settings: RelightSettings) -> Requirement:
     name = "fine grid for sharp lobes"
-    edge = float(np.sqrt(0.12 * np.sqrt(2048 / settings.texels)))
+    edge = float(np.sqrt(SHARP * np.sqrt(2048 / settings.texels)))
     if facts.roughness is not None and facts.roughness[0] > edge:
         return Requirement(name, False, f"no roughness is below {edge:.2f}: the texels resolve every lobe")
     return Requirement(name, True, f"roughness below {edge:.2f} sees single cells of the map")

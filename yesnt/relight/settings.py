@@ -41,7 +41,7 @@ class RelightSettings:
     shadows: Shadows = True
     texels: int = 2048
     capture_texels: int = 512
-    rows: int = 128
+    rows: int = 256
     clusters: int = 256
     capture_clusters: int = 128
     bounce: int = 2
@@ -90,12 +90,11 @@ def _require(good: bool, name: str, value: object, expected: str) -> None:
 
 QUALITIES = MappingProxyType(
     {
-        "draft": RelightSettings(texels=512, capture_texels=128, clusters=64, capture_clusters=32, bounce=1),
+        "draft": RelightSettings(texels=512, rows=128, capture_texels=128, clusters=64, capture_clusters=32, bounce=1),
         "standard": RelightSettings(),
         "final": RelightSettings(texels=8192, capture_texels=2048, clusters=512, capture_clusters=256, bounce=3),
         "reference": RelightSettings(
             texels=131072,
-            rows=256,
             capture_texels=8192,
             clusters=1024,
             capture_clusters=512,

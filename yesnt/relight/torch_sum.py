@@ -118,7 +118,7 @@ class _Sums:
         if self.used == texels:
             return torch.ones((1, 1), device=self.device)
         cone = self._put(self.light.cluster_cone)
-        margin = (0.1 + 6.0 * alpha).clamp(max=1.5)[:, None]
+        margin = (0.08 + 3.0 * alpha).clamp(max=1.5)[:, None]
         bound = margin.cos() * (1 - cone[3] ** 2).clamp(min=0).sqrt() - margin.sin() * cone[3]
         near = (mirror @ cone[:3] > bound) | (cone[3] > 1)
         fine = torch.arange(self.used, device=self.device) >= texels

@@ -33,6 +33,8 @@ def solve_adam(problem: Problem, start: Array, limits: Limits, rate: float = DEF
         energy = solver.evaluate(x)
         if step % every == 0:
             solver.set_exact_duals(x)
+            if solver.widen_box(x):
+                best.bound = -np.inf
             best.bound = max(best.bound, solver.bound(x))
             best.step = float(np.max(np.abs(x - best.x), initial=0.0))
             best.outer = step

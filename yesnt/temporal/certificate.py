@@ -10,8 +10,9 @@ temporal ones are y = 2 lambda2 V e with phi*(y) = lambda2 V e^2. Where |m| <= c
 the box. Elsewhere, above all at pixels of confidence 0, where no dual is strictly feasible in floating point, the box
 makes the bound finite: it costs |excess| times the box's width instead of infinity.
 
-The box is the range of what was observed, widened by its own width on both sides. A minimiser outside it, which no
-material can be, would by convexity of F lie below (1) at most by the gap times its distance over the box's width.
+The box is the range of what was observed, widened by its own width on both sides, and it grows whenever a value comes
+near its sides (the bounds found before are then dropped). A minimiser outside the box would by convexity of F lie below
+(1) at most by the gap times the ratio of its distance to the box's margin around the value.
 """
 # mypy: disable-error-code="no-untyped-def"
 # ruff: noqa: ANN001, ANN201, ANN202

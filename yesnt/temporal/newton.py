@@ -175,7 +175,22 @@ class NewtonSolver:
         self.run(kernels.update_duals, state.x, self.z, *duals, problem.geometry, problem.observed, problem.numbers)
         state.step = float(np.max(np.abs(self.z), initial=0.0))
         state.x = state.x + self.z
+        if self.widen_box(state.x):
+            state.bound = -np.inf  # bounds over a smaller box say nothing about the new one
         state.bound = max(state.bound, self.bound(state.x))
+
+    def widen_box(self, x: Array) -> bool:
+        """Keeps a sixth of the box's width free on both sides of x; returns whether it had to grow.
+
+        Unreliable flow and no confidence can put the minimum far outside what was observed.
+        """
+        low, high = float(np.min(x, initial=np.inf)), float(np.max(x, initial=-np.inf))
+        margin = (self.box[1] - self.box[0]) / 6
+        if low > self.box[0] + margin and high < self.box[1] - margin:
+            return False
+        width = high - low
+        self.box = min(self.box[0], low - width), max(self.box[1], high + width)
+        return len(x) > 0
 
     def line_search(self, state: State) -> float:
         """Halves the direction until F does not rise; scales `self.z` by the length found and sets the energy."""

@@ -16,7 +16,7 @@ LAYERS = (
     ("io", "stage", "embedded"),
     ("graph", "settings", "chunks", "stages", "workspace", "solve_task", "tasks"),
     ("workflows",),
-    ("cluster", "driver", "preflight", "session", "audit", "forecast", "doctor", "evaluation"),
+    ("cluster", "driver", "preflight", "session", "audit", "forecast", "doctor", "staging", "evaluation"),
     ("report", "trade", "cli", "__main__"),
 )
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}

@@ -14,7 +14,7 @@ import pytest
 
 from tests.tiny_shot import write_tiny_shot
 
-VERBS = ("demo", "init", "plan", "run", "status", "retry", "verify", "report", "explain", "doctor")
+VERBS = ("demo", "init", "plan", "run", "status", "retry", "verify", "report", "explain", "stage", "eval", "doctor")
 
 
 def yesnt(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
@@ -116,3 +116,15 @@ def test_doctor_finds_this_machine_fit() -> None:
     done = yesnt("doctor", "--json")
     assert done.returncode == 0
     assert {"openexr", "OpenImageIO", "scratch", "cores"} <= {finding["part"] for finding in json.loads(done.stdout)}
+
+
+def test_without_blender_the_stage_says_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("YESNT_BLENDER", raising=False)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent.parent))
+    monkeypatch.chdir(tmp_path)
+    done = yesnt("stage", "objects", "--small")
+    assert done.returncode == 1
+    assert "Blender is not here" in done.stderr
+    assert "make blender" in done.stderr
+    assert yesnt("stage", "movies").returncode == 2

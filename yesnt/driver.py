@@ -18,13 +18,12 @@ from yesnt.errors import ClusterLostError, YesntError
 from yesnt.faults import fault_point
 from yesnt.graph import Graph, Node, NodeId
 from yesnt.io.records import RecordBook
-from yesnt.shot import Job
 
 if TYPE_CHECKING:
     from distributed import Client
 
 Receipt = dict[str, Any]
-Task = Callable[[Job, Node], Receipt]
+Task = Callable[[Any, Node], Receipt]
 Listener = Callable[[Mapping[str, Any]], None]
 
 HEARTBEAT_SECONDS = 2.0
@@ -72,7 +71,7 @@ class Driver:
     """Runs the nodes of a graph that have no record yet.
 
     Args:
-        job: sent with every task.
+        context: sent with every task: the job, or what else its tasks need; small.
         graph: nodes, needs first.
         book: the commit records.
         task: the top-level function that runs a node on a worker.
@@ -82,14 +81,14 @@ class Driver:
 
     def __init__(
         self,
-        job: Job,
+        context: Any,
         graph: Graph,
         book: RecordBook,
         task: Task,
         settings: DriverSettings | None = None,
         listen: Listener = lambda event: None,
     ) -> None:
-        self._job, self._graph, self._book, self._task = job, graph, book, task
+        self._context, self._graph, self._book, self._task = context, graph, book, task
         self._settings, self._listen = settings or DriverSettings(), listen
         self._order = {node_id: i for i, node_id in enumerate(graph.nodes)}
         self._rank = {stage: -i for i, stage in enumerate(graph.stages)}  # later stages first: drain what was begun
@@ -162,7 +161,7 @@ class Driver:
         attempt = self._failures.get(node_id, 0) + self._deaths.get(node_id, 0)
         # The prefix before the hash groups the dashboard's bars by stage.
         key = (f"{node.stage}-{node.key}", node.index, attempt)
-        future = client.submit(self._task, self._job, node, key=key, pure=False, retries=0)
+        future = client.submit(self._task, self._context, node, key=key, pure=False, retries=0)
         self._running[node_id] = future
         self._tell("start", node, attempt=attempt)
         fault_point("driver.after_submit")
@@ -212,7 +211,7 @@ class Driver:
         if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
             raise YesntError(
                 "The disk is full",
-                f"{error.filename or self._job.shot.output}, stage {node.stage}, frame {node.frames[0]}",
+                f"{error.filename or 'the output folder'}, stage {node.stage}, frame {node.frames[0]}",
                 "room for the frame store and the EXRs (`yesnt plan` says how much)",
                 "free some and run again: nothing is lost",
             ) from error

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from yesnt.cli import text
+from yesnt.cli.evaluate import evaluate
 
 app = typer.Typer(
     help="Relights volumetric video: decompose, stabilise, relight, composite.",
@@ -167,6 +168,21 @@ def report(shot: ShotArgument) -> None:
 
 
 @app.command()
+def stage(
+    sets: Annotated[list[str], typer.Argument(metavar="SET...", help="objects, sequences, reference, multiview, ...")],
+    out: Annotated[Path, typer.Option(help="root of the sets")] = Path("stage"),
+    cache: Annotated[Path, typer.Option(help="folder of fetched assets")] = Path("stage/cache"),
+    small: Annotated[bool, typer.Option("--small", help="2 subjects, 2 maps, 64x64")] = False,
+    workers: Annotated[int, typer.Option(min=1, help="Blenders side by side")] = 2,
+    cluster: ClusterOption = "local",
+) -> int:
+    """Render sets of the virtual capture stage, with truth (needs `make blender`); resumes."""
+    from yesnt.cli.staging import drive_stage
+
+    return drive_stage(sets, out, cache, small, workers, cluster)
+
+
+@app.command()
 def doctor(json: JsonOption = False) -> int:
     """Show versions, threads, security floors, scratch speed, and optional parts."""
     from yesnt.doctor import examine
@@ -228,3 +244,6 @@ def _print_result(session: object, warnings: list[str], missing: list[dict[str, 
     print(f"Report:       {write_report(session)}")
     if missing:
         print("Some frames are missing; `yesnt retry SHOT` tries them again.")
+
+
+app.command("eval")(evaluate)

@@ -1,0 +1,25 @@
+"""The virtual capture stage: every job of every set, and the sets that build on another after it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from yesnt.graph import Graph, Node
+from yesnt.stage.jobs import stage_jobs
+
+BUILDS_ON = {"reference": "objects"}
+"""The reference row relights the proxy meshes that the objects set leaves."""
+
+
+def stage_graph(set_names: Sequence[str], small: bool) -> Graph:
+    """One node a render job."""
+    ordered = sorted(dict.fromkeys(set_names), key=lambda name: name in BUILDS_ON)
+    jobs = [job for name in ordered for job in stage_jobs(name, small)]
+    first = {(job.set_name, job.subject): i for i, job in reversed(list(enumerate(jobs)))}
+    nodes = []
+    for i, job in enumerate(jobs):
+        base = first.get((BUILDS_ON.get(job.set_name, ""), job.subject))
+        needs = () if base is None else (("render", base),)
+        # A record is named by its job, so that a set keeps its records whichever sets are asked for beside it.
+        nodes.append(Node("render", i, (int(job.key[:12], 16),), {"job": job.key}, needs, {"job": job}))
+    return Graph(nodes)

@@ -1,0 +1,34 @@
+"""`yesnt stage`: checks the names, finds Blender, renders with progress."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from yesnt.errors import UsageError
+
+
+def drive_stage(sets: list[str], out: Path, cache: Path, small: bool, workers: int, cluster: str) -> int:
+    """Renders what is missing; 3 if jobs failed.
+
+    Raises:
+        UsageError: an unknown set.
+        MissingPartError: Blender or anny is absent.
+    """
+    from yesnt.cli.progress import BarProgress, LineProgress
+    from yesnt.cluster import ClusterSpec
+    from yesnt.stage.jobs import SETS
+    from yesnt.stage.tools import find_tools
+    from yesnt.staging import StageContext, run_stage
+
+    unknown = sorted(set(sets) - set(SETS))
+    if unknown:
+        raise UsageError(f"No set {unknown[0]!r}", "yesnt stage", f"one of {', '.join(SETS)}", "check its spelling")
+    context = StageContext(str(out.absolute()), find_tools(cache.absolute()))
+    progress = BarProgress() if sys.stdout.isatty() else LineProgress()
+    with progress:
+        outcome = run_stage(sets, context, small, ClusterSpec(cluster, workers), progress)
+    for node, reason in {**outcome.failed, **outcome.dead}.items():
+        print(f"Failed: {node}: {reason}")
+    print(f"Sets: {', '.join(str(out / name) for name in sets)}")
+    return 0 if outcome.complete else 3

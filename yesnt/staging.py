@@ -1,0 +1,72 @@
+"""Renders sets of the virtual capture stage as tasks of the same driver: a Blender a slot, a record a job."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from yesnt.cluster import ClusterSpec, open_cluster
+from yesnt.driver import Driver, DriverSettings, Outcome
+from yesnt.graph import Node
+from yesnt.io.records import Record, RecordBook
+from yesnt.stage.jobs import RenderJob
+from yesnt.stage.render import find_receipt, render
+from yesnt.stage.tools import Tools
+from yesnt.workflows.stage import stage_graph
+from yesnt.workspace import peak_bytes
+
+Listener = Callable[[Mapping[str, Any]], None]
+
+
+@dataclass(frozen=True)
+class StageContext:
+    """What every render task is told: the root of all sets, and the programs that render."""
+
+    out: str
+    tools: Tools
+
+
+def run_stage(
+    set_names: Sequence[str], context: StageContext, small: bool, cluster: ClusterSpec, listen: Listener
+) -> Outcome:
+    """Renders what is missing of some sets; a set that builds on another comes after it.
+
+    Raises:
+        ClusterLostError: the scheduler vanished; finished pictures stay.
+    """
+    graph = stage_graph(set_names, small)
+    book = RecordBook(Path(context.out) / "records")
+    _forget_damaged(book, graph, Path(context.out))
+    driver = Driver(context, graph, book, render_node, DriverSettings(), listen)
+    outcome = driver.reuse()
+    listen({"event": "plan", "stages": {"render": len(graph)}, "reused": {"render": len(outcome.reused)}})
+    with open_cluster(cluster) if driver.remaining else nullcontext() as client:
+        if client is None:
+            return outcome
+        listen({"event": "cluster", "dashboard": client.dashboard_link, "scheduler": client.scheduler.address})
+        return driver.run(client)
+
+
+def render_node(context: StageContext, node: Node) -> dict[str, Any]:
+    """One Blender start: a job of the stage; twice, or after a kill, it leaves the same files."""
+    began = time.perf_counter()
+    job: RenderJob = node.arguments["job"]
+    receipt = render(job, Path(context.out), context.tools)
+    files = {str(Path(receipt.folder) / name): digest for name, digest in receipt.files.items()}
+    seconds = time.perf_counter() - began
+    book = RecordBook(Path(context.out) / "records")
+    book.commit(
+        Record(node.stage, node.frames[0], node.key, node.fields, {}, files, {"task": seconds, "kernel": seconds})
+    )
+    return {"seconds": seconds, "kernel_seconds": seconds, "peak_bytes": peak_bytes(), "pid": 0}
+
+
+def _forget_damaged(book: RecordBook, graph: Any, out: Path) -> None:
+    """A record whose pictures are gone or changed is none: they are rendered again."""
+    for node in graph:
+        if book.find(node.stage, node.frames[0]) and find_receipt(node.arguments["job"], out) is None:
+            book.forget(node.stage, node.frames[0])

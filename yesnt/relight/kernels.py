@@ -49,7 +49,7 @@ WHITE = slice(16, 20)
 
 COLUMNS = 20
 
-SHARP = 0.07
+SHARP = 0.1
 """alpha_ggx that 2,048 texels still resolve to 40 dB of the full sum (docs/relight.md)."""
 
 

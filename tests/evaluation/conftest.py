@@ -68,7 +68,7 @@ def write_shot(folder: Path):
         color = {f"base_color.{c}": base[..., i] * matte for i, c in enumerate("RGB")}
         write_exr(folder / "truth" / f"material.{frame}.exr", {**true, **color})
         write_exr(folder / "truth" / f"flow.{frame}.exr", {n: np.zeros_like(matte) for n in ("forward.u", "forward.v")})
-        spread = rng.uniform(0.02, 0.3, planes.shape).astype(np.float32)
+        spread = rng.uniform(0.01, 0.15, planes.shape).astype(np.float32)
         noisy = np.clip(planes + spread * rng.normal(size=planes.shape), 0, 1).astype(np.float32)
         write_exr(folder / f"passes.{frame}.exr", {
             "roughness.Y": noisy[0], "metallic.Y": noisy[1],

@@ -9,7 +9,7 @@ from yesnt.decompose.weights import load_weights, save_weights
 from yesnt.errors import CorruptError, JobError
 
 TINY = NetworkShape(widths=(8, 8, 16), depths=(1, 1, 1), condition=8, denoiser=(8, 8))
-SETTINGS = TrainingSettings(steps=4, batch=4, crops=2, patch=32, bfloat16=False)
+SETTINGS = TrainingSettings(reading=2, steps=4, batch=4, crops=2, patch=32, bfloat16=False)
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +70,9 @@ def test_training_resumed_is_training_uninterrupted(tmp_path):
 
 
 def test_training_lowers_the_loss(tmp_path):
-    trainer = Trainer(TrainingSettings(steps=60, batch=4, crops=4, patch=32, bfloat16=False, rate=5e-3), TINY)
+    trainer = Trainer(
+        TrainingSettings(reading=0, steps=60, batch=4, crops=4, patch=32, bfloat16=False, rate=5e-3), TINY
+    )
     losses = [trainer.advance() for _ in range(40)]
     assert np.mean(losses[-8:]) < 0.8 * np.mean(losses[:4])
 

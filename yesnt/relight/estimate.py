@@ -14,12 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.relight.envmap import EnvMap, uv_to_direction
-from yesnt.relight.harmonics import BANDS, basis
+from yesnt.relight.harmonics import BANDS, TERMS, basis
 from yesnt.relight.points import Surface, gather_pixels
 
 Float = NDArray[np.float64]
 
-_TERMS = 9  # bands 0-2
 _BINS = 32  # of each chromaticity
 _LEAST_SHARE = 0.005  # of the pixels: smaller groups are edges and noise
 _STIFFNESS = 0.3  # of the mean square, on bands 1-2: a camera sees half of all normals, the rest must not run away
@@ -41,10 +40,10 @@ def estimate_capture(plates: Sequence[NDArray[np.floating]], surfaces: Sequence[
     colour, normal = _samples(plates, surfaces)
     group = _groups(colour)
     known = group >= 0
-    coefficients = np.zeros((_TERMS, 3))
+    coefficients = np.zeros((TERMS, 3))
     coefficients[0] = 1.0
     if np.count_nonzero(known) > 100:
-        fitted = _fit(colour[known], basis(normal[known])[:, :_TERMS], group[known])
+        fitted = _fit(colour[known], basis(normal[known]), group[known])
         if np.linalg.norm(fitted[1:4]) > _LEAST_GRADIENT * np.sqrt(3):
             coefficients = fitted
     return _map(coefficients)
@@ -82,9 +81,9 @@ def _groups(colour: Float) -> NDArray[np.int64]:
 
 def _fit(colour: Float, harmonics: Float, group: NDArray[np.int64]) -> Float:
     """Alternates albedos [G, 3] and coefficients [9, 3] of irradiance over its mean; both steps are least squares."""
-    coefficients = np.zeros((_TERMS, 3))
+    coefficients = np.zeros((TERMS, 3))
     coefficients[0] = 1 / harmonics[0, 0]
-    stiff = _STIFFNESS * np.diag([0.0] + [1.0] * (_TERMS - 1))
+    stiff = _STIFFNESS * np.diag([0.0] + [1.0] * (TERMS - 1))
     size = int(group.max()) + 1
     for _ in range(_PASSES):
         light = np.maximum(harmonics @ coefficients, _FLOOR)
@@ -102,7 +101,7 @@ def _fit(colour: Float, harmonics: Float, group: NDArray[np.int64]) -> Float:
 def _map(coefficients: Float) -> EnvMap:
     """Radiance 1 on average whose irradiance has these coefficients relative to band 0."""
     direction = uv_to_direction((np.arange(32)[None, :] + 0.5) / 32, (np.arange(16)[:, None] + 0.5) / 16)
-    harmonics = basis(direction)[..., :_TERMS]
-    band = np.repeat([BANDS[0], BANDS[1], BANDS[2]], [1, 3, 5]) / BANDS[0]
+    harmonics = basis(direction)
+    band = np.repeat(BANDS, [1, 3, 5]) / BANDS[0]
     radiance = harmonics @ (coefficients / band[:, None]) / harmonics[0, 0, 0]
     return EnvMap.from_array(np.maximum(radiance, _FLOOR))

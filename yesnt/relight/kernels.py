@@ -121,14 +121,15 @@ def _sum_lobes(points, light, cuts, visible, bounce, out):  # type: ignore[no-un
     for group in prange((count + _GROUP - 1) // _GROUP):
         lit = np.empty(light[1].shape, dtype=np.float32)
         ranges = np.empty((max(cuts[0].shape[1], cuts[1].shape[1]), 2), dtype=np.int32)
+        occluded = (visible, bounce, lit)
         frame = np.empty(11, dtype=np.float32)
         for p in range(group * _GROUP, min(count, (group + 1) * _GROUP)):
             _frame(normal[0, p], normal[1, p], normal[2, p], view[0, p], view[1, p], view[2, p], frame)
             used = _sharp_ranges(frame, alpha[p], cuts, ranges) if alpha[p] < cuts[4] else _ranges(frame, cuts, ranges)
             if dielectric[p]:
-                _dielectric_lobe(p, frame, alpha[p], light, ranges[:used], visible, bounce, lit, out[p])
+                _dielectric_lobe(p, frame, alpha[p], light, ranges[:used], occluded, out[p])
             if metal[p]:
-                _metal_lobe(p, frame, alpha[p], light, ranges[:used], visible, bounce, lit, out[p])
+                _metal_lobe(p, frame, alpha[p], light, ranges[:used], occluded, out[p])
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
@@ -166,8 +167,9 @@ def _sharp_ranges(frame, alpha, cuts, ranges):  # type: ignore[no-untyped-def]  
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def _occlude(p, first, last, light, visible, bounce, lit):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _occlude(p, first, last, light, occluded):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Writes into `lit` what reaches pixel p from texels [first, last); False where that is the open light itself."""
+    visible, bounce, lit = occluded
     if visible.shape[0] == 0:
         return False
     energy, solid, owner = light[1], light[3], light[4]
@@ -217,7 +219,7 @@ def _frame(nx, ny, nz, vx, vy, vz, frame):  # type: ignore[no-untyped-def]  # no
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def _dielectric_lobe(p, frame, alpha, light, ranges, visible, bounce, lit, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _dielectric_lobe(p, frame, alpha, light, ranges, occluded, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     direction, energy, luminance, solid = light[0], light[1], light[2], light[3]
     widen = light[5]
     nx, ny, nz, tx, ty, tz = frame[0], frame[1], frame[2], frame[3], frame[4], frame[5]
@@ -229,7 +231,7 @@ def _dielectric_lobe(p, frame, alpha, light, ranges, visible, bounce, lit, out):
     dx, dy, dz = direction[0], direction[1], direction[2]
     for i in range(ranges.shape[0]):
         first, last = ranges[i, 0], ranges[i, 1]
-        here = lit if _occlude(p, first, last, light, visible, bounce, lit) else energy
+        here = occluded[2] if _occlude(p, first, last, light, occluded) else energy
         r, g, b = here[0], here[1], here[2]
         for t in range(first, last):
             lx, ly, lz = dx[t], dy[t], dz[t]
@@ -261,7 +263,7 @@ def _dielectric_lobe(p, frame, alpha, light, ranges, visible, bounce, lit, out):
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def _metal_lobe(p, frame, alpha, light, ranges, visible, bounce, lit, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _metal_lobe(p, frame, alpha, light, ranges, occluded, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     direction, energy, luminance, solid = light[0], light[1], light[2], light[3]
     widen = light[5]
     nx, ny, nz, tx, ty, tz = frame[0], frame[1], frame[2], frame[3], frame[4], frame[5]
@@ -273,7 +275,7 @@ def _metal_lobe(p, frame, alpha, light, ranges, visible, bounce, lit, out):  # t
     dx, dy, dz = direction[0], direction[1], direction[2]
     for i in range(ranges.shape[0]):
         first, last = ranges[i, 0], ranges[i, 1]
-        here = lit if _occlude(p, first, last, light, visible, bounce, lit) else energy
+        here = occluded[2] if _occlude(p, first, last, light, occluded) else energy
         r, g, b = here[0], here[1], here[2]
         for t in range(first, last):
             lx, ly, lz = dx[t], dy[t], dz[t]

@@ -4,10 +4,13 @@ row by row and judged against the truth, films after all their frames, constants
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
 
-from yesnt.evaluation.plan import EvalPlan
 from yesnt.graph import Graph, Node
 from yesnt.workflows.shot import shot_graph
+
+if TYPE_CHECKING:
+    from yesnt.evaluation.plan import EvalPlan
 
 
 def evaluation_graph(plan: EvalPlan) -> Graph:

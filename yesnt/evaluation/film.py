@@ -31,7 +31,7 @@ PLANES = ("roughness", "metallic")
 
 def exact(space: Workspace) -> None:
     """The temporal solve of true materials, along true and along our flow: what the solve itself changes."""
-    from yesnt.decompose.ensemble import confidence
+    from yesnt.decompose.confidence import confidence
     from yesnt.temporal import solve
 
     job, subject = space.job, space.node.arguments["subject"]

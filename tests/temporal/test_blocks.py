@@ -68,7 +68,7 @@ def test_chunks_of_16_equal_the_whole_solve(sequence, weak):
         problem = problem.changed(confidence=confidence)
     floor = 0.02 if weak else 0.4
     halo = min(8, halo_frames(problem.params, floor, TOLERANCE))
-    whole = solve(*problem.arguments, tolerance=1e-7).value
+    whole = solve_block(*problem.arguments, tolerance=1e-6).value
     blocks = chunk_blocks(48, 16, halo)
     free_ends = sweep_frames(problem, blocks, None)
     exchanged = exchange(problem, blocks, sweeps_needed(problem.params, floor, TOLERANCE, halo))
@@ -86,7 +86,7 @@ def test_the_order_of_the_blocks_changes_no_bit(sequence):
 
 def test_row_bands_equal_the_whole_solve(pattern):
     problem = pattern(4, 60, 40)
-    whole = solve(*problem.arguments, tolerance=1e-7).value
+    whole = solve_block(*problem.arguments, tolerance=1e-6).value
     reach = vertical_reach(problem.flow, problem.validity)
     bands = row_bands(60, 20, 8)
     value = None

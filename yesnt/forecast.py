@@ -6,14 +6,19 @@ import statistics
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from yesnt import settings as of
 from yesnt.audit import DONE, states
 from yesnt.driver import is_done
 from yesnt.graph import Graph, Node
 from yesnt.preflight import inspect
 from yesnt.session import Session
 from yesnt.stages import STAGES, stage_of
+from yesnt.tasks import env_map
+
+if TYPE_CHECKING:
+    from yesnt.relight.scope import Requirement
 
 
 @dataclass(frozen=True)
@@ -83,6 +88,7 @@ class Forecast:
         halo: frames of halo of the solver's chunks.
         sweeps: exchanges between chunks, at most.
         left_out: what the scene lets the run skip, and why.
+        modelled: what relighting computes, and why.
         warnings: odd inputs.
     """
 
@@ -90,6 +96,7 @@ class Forecast:
     halo: int
     sweeps: int
     left_out: tuple[str, ...]
+    modelled: tuple[str, ...]
     warnings: tuple[str, ...]
 
     def as_json(self) -> dict[str, Any]:
@@ -107,7 +114,8 @@ def forecast(session: Session) -> Forecast:
         if state.state != DONE:
             reasons[stage_of(state.stage).name].append(state.why.split(";")[0])
     rows = tuple(_row(session, graph, stage, reasons[stage]) for stage in STAGES)
-    return Forecast(rows, plan.chunks.halo, plan.exchanges, tuple(_left_out(session)), tuple(warnings))
+    modelled = tuple(f"{term.term}: {term.reason}" for term in _relight_terms(session) if term.modelled)
+    return Forecast(rows, plan.chunks.halo, plan.exchanges, tuple(_left_out(session)), modelled, tuple(warnings))
 
 
 def _row(session: Session, graph: Graph, stage: str, reasons: list[str]) -> StageForecast:
@@ -153,8 +161,7 @@ def _left_out(session: Session) -> list[str]:
     """What this job does without."""
     shot = session.job.shot
     found = []
-    if shot.proxy is None:
-        found.append("shadows of the proxy and its bounce light: the job names no proxy; z is marched instead")
+    found += [f"{term.term}: {term.reason}" for term in _relight_terms(session) if not term.modelled]
     if shot.decompose.path is not None:
         found.append("diffusion: the job brings its own passes")
     if shot.flow.path is not None:
@@ -164,3 +171,14 @@ def _left_out(session: Session) -> list[str]:
     if shot.background is None:
         found.append("background plate: the light's map is seen instead")
     return found
+
+
+def _relight_terms(session: Session) -> tuple[Requirement, ...]:
+    """The terms of relighting that this shot's maps and proxy need."""
+    from yesnt.relight import prepare_capture, prepare_relight
+    from yesnt.relight.scope import SceneFacts, requirements
+
+    shot, settings = session.job.shot, of.relight_settings(session.job.shot)
+    light = prepare_relight(env_map(session.job.root, shot.light), settings)
+    capture = prepare_capture(env_map(session.job.root, shot.capture_light), settings)
+    return requirements(SceneFacts(light, capture, shot.proxy is not None), settings)

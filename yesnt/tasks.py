@@ -139,7 +139,7 @@ def composite(space: Workspace) -> None:
             "shadow": shadow,
             "material": space.read("solve", "material", frame),
             "spread": space.read("decompose", "spread", frame),
-            "normal": surface.normal.transpose(2, 0, 1),
+            "normal": _unit(surface.normal).transpose(2, 0, 1),
             "z": surface.z[None],
         }
     path = space.output.exr_path(job.shot.name, frame)
@@ -156,6 +156,12 @@ def preview(space: Workspace) -> None:
     files = write_preview(paths, output.run)
     digests = {str(path.relative_to(output.root)): file_digest(path) for path in files}
     space.commit(space.node.frames[0], {}, digests)
+
+
+def _unit(vectors: Float32) -> Float32:
+    """Unit vectors [..., 3]; 0 stays 0."""
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return (vectors / np.where(length > 0, length, 1)).astype(np.float32)
 
 
 def _exr_planes(planes: dict[str, Float32]) -> dict[str, NDArray[np.floating]]:
@@ -216,16 +222,21 @@ def _light(space: Workspace, spec: LightInput | None, role: str) -> Any:
     return _prepared_light(space.job.root, spec, digest, of.relight_settings(space.job.shot), role)
 
 
-@lru_cache(maxsize=2)
-def _env_map(root: str, spec: LightInput | None, digest: str) -> EnvMap:
-    """A map stays in the worker; its digest is part of what it is remembered by."""
+def env_map(root: str, spec: LightInput | None) -> EnvMap:
+    """A job's map, turned and exposed; without one the uniform light of radiance 1."""
     from yesnt.relight import EnvMap, uniform_light
 
-    del digest
     if spec is None:
         return uniform_light()
     radiance, _ = capture.read_radiance(frame_path(root, spec.path, 0))
     return EnvMap.from_array(radiance, spec.convention).turned(spec.rotation, spec.exposure)
+
+
+@lru_cache(maxsize=2)
+def _env_map(root: str, spec: LightInput | None, digest: str) -> EnvMap:
+    """A map stays in the worker; its digest is part of what it is remembered by."""
+    del digest
+    return env_map(root, spec)
 
 
 @lru_cache(maxsize=4)

@@ -21,6 +21,8 @@ def print_plan(found: Forecast) -> None:
     total = sum(row.seconds for row in found.stages)
     print(f"In all {seconds(total)} on one worker, about {seconds(total / 2)} on two.")
     print(f"Temporal chunks: halo {found.halo} frames, at most {found.sweeps} exchange sweeps.")
+    for line in found.modelled:
+        print(f"Modelled: {line}.")
     for line in found.left_out:
         print(f"Left out: {line}.")
     for line in found.warnings:

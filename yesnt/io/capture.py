@@ -37,7 +37,12 @@ class Plate:
 
 @dataclass(frozen=True)
 class Surface:
-    """What the G-buffer says: `normal` [H, W, 3] world, unit or 0 where absent; `z` [H, W] metres, 0 on a miss."""
+    """What the G-buffer says.
+
+    Attributes:
+        normal: [H, W, 3] world, as the renderer averaged it: a short one marks a pixel that straddles an edge.
+        z: [H, W] planar metres, 0 on a miss.
+    """
 
     normal: NDArray[np.float32]
     z: NDArray[np.float32]
@@ -72,8 +77,6 @@ def read_surface(job: Job, frame: int, camera: Camera) -> Surface:
     _refuse_nan(~np.isfinite(normal), image.header.path, spec.normal)
     if spec.normal_space == "camera":
         normal = normal @ camera.pose(frame)[:3, :3].T.astype(np.float32)
-    length = np.linalg.norm(normal, axis=-1, keepdims=True)
-    normal = np.where(length > 0, normal / np.where(length > 0, length, 1), 0)
     hit = np.isfinite(z) & (z > 0) & (z < MISS_Z)
     return Surface(normal.astype(np.float32), np.where(hit, z, 0).astype(np.float32))
 

@@ -10,6 +10,8 @@ import torch
 from torch import nn
 from torch.nn import functional as F
 
+from yesnt.decompose.statistics import STATISTICS, colour_code, surroundings
+
 
 @dataclass(frozen=True)
 class NetworkShape:
@@ -105,6 +107,7 @@ class Reader(nn.Module):
         super().__init__()
         a, b, c = shape.widths
         self.stem = nn.Conv2d(16, a, 3, padding=1)
+        self.statistics = nn.Conv2d(STATISTICS, a, 1)
         self.top = nn.ModuleList([Block(a) for _ in range(shape.depths[0])])
         self.down1 = nn.Sequential(PixelNorm(a), nn.Conv2d(a, b, 2, stride=2))
         self.middle = nn.ModuleList([Block(b) for _ in range(shape.depths[1])])
@@ -116,7 +119,10 @@ class Reader(nn.Module):
 
     def forward(self, rgb: torch.Tensor, matte: torch.Tensor) -> torch.Tensor:
         """[B, 3, P, P] linear and [B, 1, P, P] to [B, condition, P/2, P/2]."""
-        top = self.stem(F.pixel_unshuffle(torch.cat([_colour_code(rgb) * (matte > 0), matte], 1), 2))
+        code = colour_code(rgb) * (matte > 0)
+        with torch.no_grad():
+            statistics = surroundings(code, matte)
+        top = self.stem(F.pixel_unshuffle(torch.cat([code, matte], 1), 2)) + self.statistics(statistics)
         for block in self.top:
             top = block(top)
         middle = self.down1(top)
@@ -185,13 +191,3 @@ def noised(clean: torch.Tensor, noise: torch.Tensor, time: torch.Tensor) -> torc
     """x_t = cos(pi t / 2) x_0 + sin(pi t / 2) noise (variance preserving, cosine schedule); time [B]."""
     angle = time[:, None, None, None] * (torch.pi / 2)
     return angle.cos() * clean + angle.sin() * noise
-
-
-def _colour_code(rgb: torch.Tensor) -> torch.Tensor:
-    """Linear colour [B, 3, h, w] to brightness and two hues, each of about unit variance.
-
-    Logarithms, since highlights and paints count in ratios and a hue must not depend on the exposure; 1/64 keeps the
-    noise of black small.
-    """
-    red, green, blue = torch.log(rgb.clamp_min(0) + 1 / 64).unbind(1)
-    return torch.stack([0.8 * (red + green + blue) / 3 + 1.1, 2.5 * (red - green) - 0.5, 2.5 * (blue - green) + 0.5], 1)

@@ -32,18 +32,19 @@ class TrainingSettings:
         steps: optimiser steps in all.
         batch: patches per step.
         crops: patches cropped from one picture.
-        patch: side of a patch.
+        patch: side of a training patch: smaller than the one it will serve, since what counts is how many materials
+            are seen, not how many pixels of each.
         rate: highest learning rate of the first part; the second has a third of it.
         ema: decay of the averaged weights.
         bfloat16: compute in bfloat16 (several times faster on CPUs with AMX).
     """
 
     seed: int = 0
-    reading: int = 3000
-    steps: int = 4800
-    batch: int = 12
-    crops: int = 2
-    patch: int = 96
+    reading: int = 4500
+    steps: int = 6000
+    batch: int = 24
+    crops: int = 1
+    patch: int = 64
     rate: float = 4e-3
     ema: float = 0.998
     bfloat16: bool = True
@@ -213,7 +214,7 @@ def train(trainer: Trainer, folder: Path, every: int = 100) -> Iterator[tuple[in
         losses.append(trainer.advance())
         if trainer.step % every == 0 or trainer.step == trainer.settings.steps:
             trainer.save(folder / "checkpoint.pt")
-            save_weights(trainer.averaged, folder / "embedded.safetensors", trainer.settings.patch)
+            save_weights(trainer.averaged, folder / "embedded.safetensors")
             yield trainer.step, float(np.mean(losses))
             losses.clear()
 

@@ -15,11 +15,14 @@ from yesnt.errors import CorruptError, JobError
 SMOOTH_SIGMAS = (4.0, 16.0, 64.0)
 """Blur in pixels of the noise planes that steer a draw: from a seam to a whole garment."""
 
+PATCH = 96
+"""Side of the patches that weights are made for."""
+
 SHIPPED = Path(__file__).parent.parent / "data" / "weights" / "embedded.safetensors"
 """The weights in the package."""
 
 
-def save_weights(network: Network, path: Path, patch: int) -> None:
+def save_weights(network: Network, path: Path, patch: int = PATCH) -> None:
     """Writes float16 weights whole or not at all."""
     tensors = {name: value.half().contiguous() for name, value in network.state_dict().items()}
     part = path.with_suffix(".part")

@@ -14,8 +14,8 @@ from yesnt.decompose.synthetic.scene import draw_scene
 
 Float32 = NDArray[np.float32]
 
-CANVAS = 128
-"""Side of a rendered picture in pixels; several patches are cropped from each."""
+MARGIN = 16
+"""Pixels by which a rendered picture is larger than a patch, so that crops differ."""
 
 
 @dataclass(frozen=True)
@@ -42,23 +42,23 @@ class Patches:
 def draw_patches(seed: int, index: int, count: int, patch: int) -> Patches:
     """Draws `count` patches of picture number `index`: crops, mirrored and seen through different cameras."""
     rng = np.random.Generator(np.random.Philox(key=[seed, index]))
-    picture = draw_picture(rng)
+    picture = draw_picture(rng, patch + MARGIN)
     crops = [_crop(rng, picture, patch) for _ in range(count)]
     planes = np.stack(crops)
     return Patches(planes[:, :3], planes[:, 3:4], planes[:, 4:6], planes[:, 6].astype(np.int64))
 
 
-def draw_picture(rng: np.random.Generator) -> Rendering:
-    """Renders one scene that fills at least a fifth of the canvas."""
+def draw_picture(rng: np.random.Generator, size: int) -> Rendering:
+    """Renders one scene of size x size pixels that fills at least a fifth of it."""
     while True:
-        scene = draw_scene(rng, 2 * CANVAS)
+        scene = draw_scene(rng, 2 * size)
         if (scene.geometry.material >= 0).mean() > 0.2:
             return render(scene.geometry, scene.paints(), draw_light(rng))
 
 
 def _crop(rng: np.random.Generator, picture: Rendering, patch: int) -> Float32:
     """A random patch [rgb, matte, truth, kind] with at least a twelfth of it inside the matte (best of ten tries)."""
-    places = rng.integers(0, CANVAS - patch + 1, (10, 2))
+    places = rng.integers(0, MARGIN + 1, (10, 2))
     shares = [picture.matte[y : y + patch, x : x + patch].mean() for y, x in places]
     good = [k for k, share in enumerate(shares) if share > 1 / 12]
     y, x = places[good[0] if good else int(np.argmax(shares))]

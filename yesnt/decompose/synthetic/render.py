@@ -116,19 +116,24 @@ def _texture(
 
 
 @njit(cache=True, fastmath=True)
-def _lookup(table: Float32, x: float, y: float, z: float, out: Float32) -> None:
-    """Bilinear sample of a lat-long map [h, w, 3] at a direction."""
-    h, w = table.shape[0], table.shape[1]
+def _place(x: float, y: float, z: float, h: int, w: int) -> Any:
+    """Texel column and row of a direction in a lat-long map, and the remainders."""
     v = math.acos(min(1.0, max(-1.0, -y))) / math.pi * h - 0.5
     u = (math.atan2(x, z) / (2 * math.pi) + 0.5) * w - 0.5
     fu, fv = math.floor(u), math.floor(v)
-    du, dv = u - fu, v - fv
-    j, j2 = int(fu) % w, (int(fu) + 1) % w
-    i, i2 = min(max(int(fv), 0), h - 1), min(max(int(fv) + 1, 0), h - 1)
-    for c in range(3):
-        upper = table[i, j, c] * (1 - du) + table[i, j2, c] * du
-        lower = table[i2, j, c] * (1 - du) + table[i2, j2, c] * du
-        out[c] = upper * (1 - dv) + lower * dv
+    return int(fu), int(fv), u - fu, v - fv
+
+
+@njit(cache=True, fastmath=True)
+def _lookup(table: Float32, place: Any, c: int) -> float:
+    """Bilinear sample of channel c of a lat-long map [h, w, 3]."""
+    h, w = table.shape[0], table.shape[1]
+    fu, fv, du, dv = place
+    j, j2 = fu % w, (fu + 1) % w
+    i, i2 = min(max(fv, 0), h - 1), min(max(fv + 1, 0), h - 1)
+    upper = table[i, j, c] * (1 - du) + table[i, j2, c] * du
+    lower = table[i2, j, c] * (1 - du) + table[i2, j2, c] * du
+    return upper * (1 - dv) + lower * dv
 
 
 @njit(cache=True, fastmath=True)
@@ -159,7 +164,7 @@ def _shade(
     """Writes radiance, roughness and metallic [5, H, W], 0 where nothing is."""
     diffuse_map, specular_map, albedo_table = tables
     levels, size = specular_map.shape[0], albedo_table.shape[0]
-    irradiance, low, high = np.zeros(3, np.float32), np.zeros(3, np.float32), np.zeros(3, np.float32)
+    h, w = diffuse_map.shape[0], diffuse_map.shape[1]
     for i in range(material.shape[0]):
         for j in range(material.shape[1]):
             if material[i, j] < 0:
@@ -178,12 +183,11 @@ def _shade(
                 metallic, roughness = 0.0, roughness + 0.3
                 mix = 1.0
             roughness = min(1.0, max(0.02, roughness))
-            _lookup(diffuse_map, nx, ny, nz, irradiance)
+            facing = _place(nx, ny, nz, h, w)
+            mirrored = _place(2 * nz * nx, 2 * nz * ny, 2 * nz * nz - 1, h, w)
             level = (roughness - lowest) / (1 - lowest) * (levels - 1)
             below = min(levels - 2, max(0, int(level)))
             part = min(1.0, max(0.0, level - below))
-            _lookup(specular_map[below], 2 * nz * nx, 2 * nz * ny, 2 * nz * nz - 1, low)
-            _lookup(specular_map[below + 1], 2 * nz * nx, 2 * nz * ny, 2 * nz * nz - 1, high)
             row, column = min(size - 1, int(nz * size)), min(size - 1, int(roughness * size))
             scale_f0, bias = albedo_table[row, column, 0], albedo_table[row, column, 1]
             # Energy lost between microfacets comes back tinted (Fdez-Aguera 2019); keeps rough metal bright.
@@ -196,7 +200,8 @@ def _shade(
                 single = f0 * scale_f0 + bias
                 average = f0 + (1 - f0) / 21
                 reflect = single + missing * single * average / (1 - missing * average)
-                specular = (low[c] + part * (high[c] - low[c])) * reflect
-                body = (1 - metallic) * base * (1 - reflect) * irradiance[c]
+                low, high = _lookup(specular_map[below], mirrored, c), _lookup(specular_map[below + 1], mirrored, c)
+                specular = (low + part * (high - low)) * reflect
+                body = (1 - metallic) * base * (1 - reflect) * _lookup(diffuse_map, facing, c)
                 out[c, i, j] = shade * (body + specular)
             out[3, i, j], out[4, i, j] = roughness, metallic

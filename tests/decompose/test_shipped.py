@@ -1,0 +1,68 @@
+"""The weights in the package: what the embedded shot's truth says of them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from scipy.stats import spearmanr
+
+from yesnt.color import straighten
+from yesnt.decompose.embedded import EmbeddedBackend
+from yesnt.decompose.ensemble import estimate_frame
+from yesnt.decompose.settings import EnsembleSettings
+from yesnt.decompose.weights import SHIPPED
+from yesnt.io.exr import read_image
+
+SHOT = Path(__file__).parents[2] / "yesnt" / "data" / "shot"
+
+
+@pytest.fixture(scope="module")
+def judged():
+    """Truth, mean and std [2, n] inside the matte of a middle frame."""
+    plates = sorted(SHOT.rglob("plate.*.exr"))
+    path = plates[len(plates) // 2]
+    number = path.name.split(".")[1]
+    plate = read_image(path).stack("RGBA")
+    (material,) = SHOT.rglob(f"material.{number}.exr")
+    truth = read_image(material).stack(["roughness.Y", "metallic.Y"])
+    rgb, matte = straighten(plate[..., :3], plate[..., 3]), plate[..., 3]
+    estimate = estimate_frame(rgb, matte, EmbeddedBackend(), EnsembleSettings(8), 0, int(number))
+    inside = matte > 0.99
+    return truth[inside].T, estimate.mean[:, inside], estimate.std[:, inside]
+
+
+def test_weights_are_small():
+    assert SHIPPED.stat().st_size <= 10 << 20
+
+
+def test_threads_do_not_change_a_bit():
+    backend, generator = EmbeddedBackend(), torch.Generator().manual_seed(0)
+    rgb, matte = torch.rand(8, 3, 96, 96, generator=generator), torch.ones(8, 1, 96, 96)
+    noise = torch.randn(8, len(backend.noise_sigmas), 96, 96, generator=generator)
+    threads, draws = torch.get_num_threads(), []
+    try:
+        for number in (1, 2):
+            torch.set_num_threads(number)
+            draws.append(backend.sample(backend.encode(rgb, matte), noise))
+    finally:
+        torch.set_num_threads(threads)
+    assert torch.equal(*draws)
+
+
+def test_roughness_beats_the_best_constant(judged):
+    truth, mean, _ = judged
+    error = np.sqrt(np.mean((mean[0] - truth[0]) ** 2))
+    assert error < truth[0].std()
+
+
+def test_metal_is_told_from_the_rest(judged):
+    truth, mean, _ = judged
+    metal = truth[1] > 0.5
+    assert mean[1][metal].mean() > 2 * mean[1][~metal].mean()
+
+
+def test_spread_is_larger_where_the_error_is(judged):
+    truth, mean, std = judged
+    for plane in (0, 1):
+        assert spearmanr(std[plane], np.abs(mean - truth)[plane]).statistic > 0

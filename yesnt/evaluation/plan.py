@@ -19,6 +19,7 @@ from yesnt.evaluation.subjects import PROXY, Subject, common_frames
 from yesnt.graph import Node, NodeId
 from yesnt.io.capture import file_digest
 from yesnt.session import Session
+from yesnt.stages import STAGES
 
 VERSION = 1
 """Of this package's tasks; raised when a number changes, which makes every older record stale."""
@@ -217,8 +218,11 @@ class EvalPlan:
         keys: Keys,
         arguments: Mapping[str, Any],
     ) -> Node:
+        versions = {
+            name: STAGES[name].version for name in ("solve", "relight")
+        }  # the kernels that tasks call themselves
         fields = {
-            "stage": stage, "evaluation": VERSION, "settings": dict(settings), "inputs": dict(inputs),
+            "stage": stage, "evaluation": VERSION, "kernels": versions, "settings": dict(settings), "inputs": dict(inputs),
             "upstream": {f"{name} {frame}": keys[name, frame] for name, frame in upstream},
         }  # fmt: skip
         needs = tuple(dict.fromkeys(self._node_of(name, frame) for name, frame in upstream))

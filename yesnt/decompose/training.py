@@ -40,8 +40,8 @@ class TrainingSettings:
     """
 
     seed: int = 0
-    reading: int = 4500
-    steps: int = 6000
+    reading: int = 3600
+    steps: int = 4800
     batch: int = 24
     crops: int = 1
     patch: int = 64

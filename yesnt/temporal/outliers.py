@@ -36,7 +36,8 @@ class OutlierSettings:
     """What counts as inconsistent.
 
     Attributes:
-        limit: residual over usual residual above which trust falls, as (limit / ratio)^2.
+        limit: residual over usual residual above which trust falls, as (limit / ratio)^4: a
+            frame far off is worth no more than a missing one.
         usual_floor: smallest usual residual, so that a noiseless sequence does not condemn rounding.
         region: side of the box over which residuals are averaged, pixels; single pixels are Huber's affair.
     """
@@ -158,7 +159,7 @@ def _trust(
         dense = np.zeros(matte.shape[1:], np.float32)
         dense[matte[t]] = part
         local = np.maximum(box_mean(dense, matte[t], settings.region) / usual, ratios[t])
-        weights[t] = np.minimum(1.0, (settings.limit / np.maximum(local, settings.limit)) ** 2)
+        weights[t] = np.minimum(1.0, (settings.limit / np.maximum(local, settings.limit)) ** 4)
     return weights, ratios
 
 

@@ -218,11 +218,11 @@ class EvalPlan:
         keys: Keys,
         arguments: Mapping[str, Any],
     ) -> Node:
-        versions = {
-            name: STAGES[name].version for name in ("solve", "relight")
-        }  # the kernels that tasks call themselves
+        # Tasks call these stages' kernels themselves, so their versions are part of the key.
+        kernels = {name: STAGES[name].version for name in ("solve", "relight")}
         fields = {
-            "stage": stage, "evaluation": VERSION, "kernels": versions, "settings": dict(settings), "inputs": dict(inputs),
+            "stage": stage, "evaluation": VERSION, "kernels": kernels,
+            "settings": dict(settings), "inputs": dict(inputs),
             "upstream": {f"{name} {frame}": keys[name, frame] for name, frame in upstream},
         }  # fmt: skip
         needs = tuple(dict.fromkeys(self._node_of(name, frame) for name, frame in upstream))

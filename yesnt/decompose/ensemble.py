@@ -66,7 +66,6 @@ def estimate_frame(
         ValueError: shapes disagree, or rgb is not finite inside the matte.
     """
     picture = _Picture.prepare(rgb, matte, backend, settings)
-    height, width = matte.shape
     moments = _Moments(*picture.grid.shape)
     active, total = picture.grid.covering(picture.matte), 0
     at_once = max(1, _MEMORY_FOR_MEMBERS // (4 * (len(backend.noise_sigmas) + 2) * picture.matte.size))
@@ -81,11 +80,15 @@ def estimate_frame(
             for value, weight in _draw(picture, active, noises, backend):
                 moments.update(value, weight)
         total += len(active) * len(members) * backend.evaluations
-    mean, std = moments.mean_and_std()
-    inside = picture.matte > 0
-    planes = np.stack([*mean, *std, moments.weight * backend.evaluations]) * inside
-    planes = np.ascontiguousarray(planes[:, :height, :width], dtype=np.float32)
-    return Estimate(planes[0:2], planes[2:4], planes[4], total)
+    mean, std = (_finished(plane, picture.matte, matte.shape) for plane in moments.mean_and_std())
+    evaluations = _finished(moments.weight * backend.evaluations, picture.matte, matte.shape)
+    return Estimate(mean, std, evaluations, total)
+
+
+def _finished(planes: NDArray[np.float64], matte: Float32, shape: tuple[int, ...]) -> Float32:
+    """Planes [..., H, W] without padding, 0 outside the matte."""
+    rows, columns = shape
+    return np.where(matte > 0, planes, 0)[..., :rows, :columns].astype(np.float32, order="C")
 
 
 @dataclass(frozen=True)

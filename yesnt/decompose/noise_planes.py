@@ -19,7 +19,7 @@ def ensemble_noise(
     if not paired:
         return member_noise(key, *size, sigmas)
     planes = member_noise((seed, frame, member - member % 2), *size, sigmas)
-    return -planes if member % 2 else planes
+    return np.negative(planes, out=planes) if member % 2 else planes
 
 
 def member_noise(key: tuple[int, int, int], height: int, width: int, sigmas: tuple[float, ...]) -> Float32:
@@ -51,6 +51,8 @@ def _blurred_to_unit_variance(plane: Float32, sigma: float) -> Float32:
     columns = np.exp(-2 * (np.pi * sigma * scipy.fft.fftfreq(width)) ** 2)
     # Parseval: white noise of variance 1 keeps the mean of the squared transfer function as its variance.
     gain = 1 / np.sqrt(np.mean(rows**2) * np.mean(columns**2))
-    spectrum = scipy.fft.rfft2(plane.astype(np.float64))
-    spectrum *= gain * rows[:, None] * columns[None, : spectrum.shape[1]]
-    return scipy.fft.irfft2(spectrum, s=plane.shape).astype(np.float32)
+    spectrum = scipy.fft.rfft2(plane)
+    spectrum *= (gain * rows[:, None]).astype(np.float32)
+    spectrum *= columns[None, : spectrum.shape[1]].astype(np.float32)
+    blurred: Float32 = scipy.fft.irfft2(spectrum, s=plane.shape, overwrite_x=True)
+    return blurred

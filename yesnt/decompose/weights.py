@@ -27,6 +27,7 @@ def save_weights(network: Network, path: Path, patch: int = PATCH) -> None:
     tensors = {name: value.half().contiguous() for name, value in network.state_dict().items()}
     part = path.with_suffix(".part")
     save_file(tensors, part, {"shape": network.shape.header(), "patch": str(patch)})
+    part.chmod(0o644)  # safetensors creates it for the owner only
     part.replace(path)
 
 

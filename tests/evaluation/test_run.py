@@ -3,7 +3,6 @@
 import json
 import math
 
-import numpy as np
 import pytest
 
 from tests.evaluation.conftest import rgb
@@ -152,5 +151,4 @@ def _fresh(call, shot, output, listen):
     from yesnt.evaluation import plan
 
     plan._digest.cache_clear()
-    np.random.default_rng(0)
     return call(shot, output, HERE, listen)

@@ -50,8 +50,8 @@ def test_whole_frame_numbers_do_not_depend_on_the_cut(truth):
     from yesnt.metrics.flip import flip_map
     from yesnt.metrics.image import psnr, ssim_map
 
-    wide = Truth.of(*(np.pad(a, [(60, 60), (60, 60)] + [(0, 0)] * (a.ndim - 2)) for a in (truth.radiance, truth.opacity)),
-                    np.pad(truth.opacity, 60))  # fmt: skip
+    opacity = np.pad(truth.opacity, 60)
+    wide = Truth.of(np.pad(truth.radiance, ((60, 60), (60, 60), (0, 0))), opacity, opacity)
     picture = wide.radiance * np.float32(0.8)
     found, shown = values(picture, wide), wide.shown(picture)
     assert wide.frame[0].stop - wide.frame[0].start < shown.shape[0]

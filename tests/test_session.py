@@ -107,7 +107,7 @@ def test_a_fresh_run_gives_the_same_bytes(finished: Path, tmp_path: Path) -> Non
     [
         ("version: 1", "version: 1\nexr: {compression: piz}", {"composite", "preview"}),
         ("path: light.exr", "path: light.exr\n  exposure: 1.0", {"relight", "composite", "preview"}),
-        ("version: 1", "version: 1\ntemporal: {knobs: {lambda2: 2.0}}", {"solve", "relight", "composite", "preview"}),
+        ("version: 1", "version: 1\ntemporal: {knobs: {lambda2: 2.5}}", {"solve", "relight", "composite", "preview"}),
     ],
 )
 def test_a_change_redoes_what_depends_on_it_and_no_more(
@@ -231,7 +231,7 @@ def test_frames_that_cannot_be_had_are_left_out_and_all_others_finish(
 def test_chunks_with_exchange_give_what_one_chunk_gives(tmp_path: Path, cluster: ClusterSpec) -> None:
     def material(chunk: int) -> np.ndarray:
         path = write_tiny_shot(
-            tmp_path / f"c{chunk}", 8, temporal={"chunk": chunk, "halo": 3, "sweeps": 14, "knobs": {"lambda2": 0.5}}
+            tmp_path / f"c{chunk}", 8, temporal={"chunk": chunk, "halo": 3, "sweeps": 24, "knobs": {"lambda2": 0.5}}
         )
         run(path, cluster, until="solve")
         session = Session(path)

@@ -70,11 +70,11 @@ def open_cluster(spec: ClusterSpec) -> Iterator[Client]:
 def pin_threads() -> dict[str, int]:
     """Pins every library in this process to one thread; returns what each says of itself.
 
-    Libraries that are not used yet are left to the environment variables, so that nothing is imported for this.
+    Libraries that are not used yet are left to the environment of the worker, so that nothing is imported for this;
+    the environment of a process that is not ours (a notebook, a test) is not touched.
     """
     import sys
 
-    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
     counts: dict[str, int] = {}
     if (torch := sys.modules.get("torch")) is not None:
         torch.set_num_threads(1)
@@ -183,8 +183,9 @@ def _pin_plugin() -> Any:
         idempotent = True
 
         def setup(self, worker: Any) -> None:
-            """Runs in each worker when it joins."""
+            """Runs in each worker when it joins, before it has imported what the variables are for."""
             del worker
+            os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
             pin_threads()
 
     return PinThreads()

@@ -1,7 +1,8 @@
 """The product in one sentence, as a graph.
 
-Every frame is decomposed, flow links it to the next, chunks are weighed and solved along the flow, and each frame is
-relit and composited as soon as its chunk is solved.
+Keyframes are decomposed, flow links each frame to the next, frames between take the keyframe's materials along the flow
+and draw what is missing; chunks are weighed and solved along the flow, and each frame is relit and composited as soon
+as its chunk is solved.
 """
 
 from __future__ import annotations
@@ -25,8 +26,10 @@ def _nodes(plan: ShotPlan) -> Iterator[Node]:
             keys[node.stage, frame] = node.frame_key(frame)
         return node
 
-    yield from map(add, map(plan.decompose, plan.present))
+    between = plan.keyframes
+    yield from (add(plan.decompose(frame, keys)) for frame in plan.present if frame not in between)
     yield from map(add, map(plan.flow, plan.linked))
+    yield from (add(plan.decompose(frame, keys)) for frame in plan.present if frame in between)
     yield from (add(plan.trust(block, keys)) for block in plan.blocks)
     yield from (add(plan.solve(sweep, block, keys)) for sweep, block in plan.solved())
     yield from (add(plan.relight(frame, keys)) for frame in plan.delivered)

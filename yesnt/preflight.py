@@ -65,7 +65,8 @@ def resolve(path: str | Path, accept_license: tuple[str, ...] = ()) -> Resolved:
     backend = None
     if shot.decompose.path is None:
         chosen = shot.decompose
-        backend = identify_backend(chosen.backend, chosen.weights, chosen.accept_license)
+        weights = of.weights_path(root, shot)
+        backend = identify_backend(chosen.backend, weights, chosen.accept_license, of.backend_knobs(shot))
     paths = sorted({str(p) for p in _input_files(job)})
     with ThreadPoolExecutor(READERS) as pool:
         digests = dict(zip(paths, pool.map(lambda p: capture.file_digest(Path(p)), paths), strict=True))
@@ -106,7 +107,7 @@ def inspect(resolved: Resolved) -> list[str]:
 
 def _check_knobs(shot: Shot) -> None:
     checks: tuple[Callable[[Shot], object], ...] = (
-        of.ensemble_settings, of.flow_settings, of.energy_params, of.relight_settings,
+        of.ensemble_settings, of.backend_knobs, of.flow_settings, of.energy_params, of.relight_settings,
     )  # fmt: skip
     for check in checks:
         check(shot)

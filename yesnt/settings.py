@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from yesnt.errors import JobError
@@ -22,8 +23,38 @@ def ensemble_settings(shot: Shot) -> EnsembleSettings:
     """Members, overlap, tolerance of the decomposition."""
     from yesnt.decompose.settings import EnsembleSettings
 
-    knobs = {"samples": shot.decompose.samples, **shot.decompose.knobs}
-    return _build("decompose.knobs", EnsembleSettings, knobs, _fields(EnsembleSettings))
+    own = backend_knobs(shot)
+    given = {name: value for name, value in shot.decompose.knobs.items() if name not in own}
+    known = (*_fields(EnsembleSettings), *_knobs_of(shot.decompose.backend))
+    return _build("decompose.knobs", EnsembleSettings, {"samples": shot.decompose.samples, **given}, known)
+
+
+def backend_knobs(shot: Shot) -> dict[str, Knob]:
+    """The part of the decomposition's knobs that its backend takes, by its entry in the registry."""
+    known = _knobs_of(shot.decompose.backend)
+    own = {name: value for name, value in shot.decompose.knobs.items() if name in known}
+    for name, value in own.items():
+        if type(value) is not known[name] or (type(value) is int and value < (0 if "overlap" in name else 1)):
+            raise JobError(
+                f"The knob {name!r} is {value!r}",
+                "key decompose.knobs",
+                f"a positive {known[name].__name__}",
+                "mend it",
+            )
+    return own
+
+
+def weights_path(root: str, shot: Shot) -> Path | None:
+    """Where the job says that its weights lie, from the job file's folder; None: those of the package."""
+    weights = shot.decompose.weights
+    return None if weights is None else Path(root) / Path(weights).expanduser()
+
+
+def _knobs_of(backend: str) -> Mapping[str, type]:
+    """Names and types of a backend's knobs; none of an unknown one, which is refused elsewhere."""
+    from yesnt.decompose.registry import ENTRIES
+
+    return ENTRIES[backend].knobs if backend in ENTRIES else {}
 
 
 def flow_settings(shot: Shot) -> FlowSettings:

@@ -17,6 +17,7 @@ from yesnt import settings as of
 from yesnt.blocks import Block, chunk_blocks
 from yesnt.chunks import ChunkPlan
 from yesnt.decompose.identity import BackendIdentity
+from yesnt.decompose.settings import REUSE_ONLY, keyframe_after
 from yesnt.graph import Node
 from yesnt.io.jobfile import frame_path
 from yesnt.io.records import key_of
@@ -48,7 +49,8 @@ class Stage:
 STAGES = {
     stage.name: stage
     for stage in (
-        Stage("decompose", 1, "frame", "plate", ("observed", "spread")),
+        Stage("decompose", 2, "frame", "plate; between keyframes also a keyframe and the flow to it",
+              ("observed", "spread", "evaluations")),
         Stage("flow", 1, "frame and the next", "two plates", ("flow", "validity")),
         Stage("trust", 1, "chunk with halo", "observed, spread, flow, validity", ("confidence",)),
         Stage("solve", 1, "chunk with halo", "observed, confidence, flow, validity", ("material",)),
@@ -151,18 +153,38 @@ class ShotPlan:
         """Hash of the job's settings; the EXR headers carry it."""
         return key_of(self.job.shot.model_dump(mode="json", exclude={"output": True, "decompose": {"accept_license"}}))
 
-    def decompose(self, frame: int) -> Node:
-        """Members of one frame, their mean and spread."""
-        shot = self.job.shot
+    @cached_property
+    def keyframes(self) -> Mapping[int, int]:
+        """Frame -> the keyframe whose estimate it takes; keyframes themselves are not in it.
+
+        A frame that cannot reach its keyframe, because flow on the way or the keyframe itself is dead, is one.
+        """
+        if self.backend is None:
+            return {}
+        frames, step, found = self.job.frames, of.ensemble_settings(self.job.shot).keyframe_step, {}
+        for position, frame in enumerate(frames):
+            key = keyframe_after(position, len(frames), step)
+            reached = frames[key] not in self.absent and not self.unlinked.intersection(frames[position:key])
+            if key != position and frame not in self.absent and reached:
+                found[frame] = frames[key]
+        return found
+
+    def decompose(self, frame: int, keys: Keys) -> Node:
+        """Members of one frame, their mean and spread; between keyframes only what the keyframe cannot tell."""
+        shot, keyframe = self.job.shot, self.keyframes.get(frame)
         settings: dict[str, Any] = {"path": shot.decompose.path is not None}
         inputs = self._inputs(frame, plate=shot.plate.path, passes=shot.decompose.path)
+        upstream: list[tuple[str, int]] = []
         if self.backend is not None:
-            settings = {
-                "backend": dataclasses.asdict(self.backend),
-                "ensemble": dataclasses.asdict(of.ensemble_settings(shot)),
-                "seed": shot.seed,
-            }
-        return self._node("decompose", frame, settings | {"colorspace": shot.plate.colorspace}, inputs)
+            ensemble = dataclasses.asdict(of.ensemble_settings(shot))
+            if keyframe is None:
+                ensemble = {name: value for name, value in ensemble.items() if name not in REUSE_ONLY}
+            else:
+                way = self.job.frames[self.job.position(frame) : self.job.position(keyframe)]
+                upstream = [("decompose", keyframe), *(("flow", f) for f in way)]
+            settings = {"backend": dataclasses.asdict(self.backend), "ensemble": ensemble, "seed": shot.seed}
+        settings["colorspace"] = shot.plate.colorspace
+        return self._node("decompose", frame, settings, inputs, upstream, keys, {"keyframe": keyframe})
 
     def flow(self, frame: int) -> Node:
         """Flow of one frame to the next, and where it can be trusted."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,11 +20,11 @@ from yesnt.io import capture
 from yesnt.io.capture import file_digest
 from yesnt.io.exr import write_exr
 from yesnt.io.jobfile import frame_path
-from yesnt.shot import Job, LightInput
+from yesnt.shot import Job, Knob, LightInput
 from yesnt.workspace import Workspace
 
 if TYPE_CHECKING:
-    from yesnt.decompose.backend import Backend
+    from yesnt.decompose.reuse import Prior
     from yesnt.relight import EnvMap
 
 Float32 = NDArray[np.float32]
@@ -50,14 +51,28 @@ def decompose(space: Workspace) -> None:
 
     plate = capture.read_plate(job, frame)
     chosen = job.shot.decompose
-    backend = _backend(chosen.backend, chosen.weights, chosen.accept_license)
+    knobs = tuple(sorted(of.backend_knobs(job.shot).items()))
+    backend = _backend(chosen.backend, of.weights_path(job.root, job.shot), chosen.accept_license, knobs)
+    settings, prior = of.ensemble_settings(job.shot), _carried(space, plate.matte)
     with space.kernel():
-        estimate = estimate_frame(
-            plate.color, plate.matte, backend, of.ensemble_settings(job.shot), job.shot.seed, frame
-        )  # fmt: skip
-    space.commit(
-        frame, {"observed": estimate.mean, "spread": estimate.std}, facts={"evaluations": estimate.total_evaluations}
-    )
+        estimate = estimate_frame(plate.color, plate.matte, backend, settings, job.shot.seed, frame, prior)
+    arrays = {"observed": estimate.mean, "spread": estimate.std, "evaluations": estimate.evaluations[None]}
+    space.commit(frame, arrays, facts={"evaluations": estimate.total_evaluations})
+
+
+def _carried(space: Workspace, matte: Float32) -> Prior | None:
+    """A keyframe's estimate along the flow to this frame; None for a keyframe."""
+    from yesnt.decompose.reuse import Link, carry_back
+
+    job, frame, keyframe = space.job, space.node.frames[0], space.node.arguments["keyframe"]
+    if keyframe is None:
+        return None
+    way = job.frames[job.position(frame) : job.position(keyframe)]
+    links = [Link(space.read("flow", "flow", f).transpose(1, 2, 0), space.read("flow", "validity", f)[0]) for f in way]
+    mattes = [matte > 0.5, *(capture.read_matte(job, f) > 0.5 for f in (*way[1:], keyframe))]
+    mean, spread = (space.read("decompose", name, keyframe) for name in ("observed", "spread"))
+    with space.kernel():
+        return carry_back(mean, spread, links, mattes, of.ensemble_settings(job.shot))
 
 
 def flow(space: Workspace) -> None:
@@ -204,13 +219,11 @@ def _camera(path: str) -> Camera:
 
 
 @lru_cache(maxsize=1)
-def _backend(name: str, weights: str | None, accepted: tuple[str, ...]) -> Backend:
+def _backend(name: str, weights: Path | None, accepted: tuple[str, ...], knobs: tuple[tuple[str, Knob], ...]) -> Any:
     """The model stays in the worker: loading it costs more than a frame."""
-    from pathlib import Path
-
     from yesnt.decompose.registry import open_backend
 
-    return open_backend(name, Path(weights).expanduser() if weights else None, accepted)
+    return open_backend(name, weights, accepted, dict(knobs))
 
 
 def _env(space: Workspace, spec: LightInput | None, role: str) -> EnvMap:

@@ -7,7 +7,7 @@ import torch
 
 from yesnt.decompose.checkpoint import Published
 from yesnt.decompose.ensemble import decompose_frame
-from yesnt.decompose.marigold import MARIGOLD
+from yesnt.decompose.published import MARIGOLD
 from yesnt.decompose.registry import open_backend
 from yesnt.decompose.settings import EnsembleSettings
 from yesnt.errors import JobError

@@ -29,7 +29,7 @@ def test_entries_state_the_licence_that_the_backend_carries():
     from yesnt.decompose.rgbx import RgbxBackend
 
     for backend in (EmbeddedBackend, MarigoldBackend, RgbxBackend):
-        assert registry._ENTRIES[backend.name].licence == backend.licence
+        assert registry.ENTRIES[backend.name].licence == backend.licence
 
 
 def test_missing_package_names_backend_and_extra(monkeypatch):

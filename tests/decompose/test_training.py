@@ -116,7 +116,7 @@ def test_a_row_does_not_depend_on_its_neighbours_or_on_threads(tiny_weights):
 
 def test_number_of_steps_is_part_of_the_version_and_of_the_noise(tiny_weights):
     one, three = EmbeddedBackend(tiny_weights, 1), EmbeddedBackend(tiny_weights, 3)
-    assert one.version != three.version
+    assert one.evaluations != three.evaluations
     assert len(three.noise_sigmas) == 3 * len(one.noise_sigmas)
     assert one.weights_digest == three.weights_digest
     with pytest.raises(ValueError, match="steps"):

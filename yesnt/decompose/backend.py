@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 if TYPE_CHECKING:
     import torch
+
+Float32 = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -22,6 +28,25 @@ class Licence:
     commercial: bool
 
 
+@dataclass(frozen=True)
+class Footprint:
+    """What one call of a backend holds; lets a run be planned before anything is opened.
+
+    Attributes:
+        patch: side of a patch in pixels; None: the whole frame at the model's own size.
+        align: patch origins are multiples of this.
+        evaluations: network evaluations of one member of one patch.
+        window: frames of a call; 1: frames are drawn apart.
+        overlap: frames that neighbouring windows share at least.
+    """
+
+    patch: int | None
+    align: int
+    evaluations: int
+    window: int = 1
+    overlap: int = 0
+
+
 class Backend(Protocol):
     """A conditional sampler of (roughness, metallic) patches.
 
@@ -31,7 +56,6 @@ class Backend(Protocol):
 
     Attributes:
         name: the word in the job file.
-        version: of code and sampling parameters; part of the record's key.
         licence: of the weights.
         patch: side of a patch P in pixels.
         align: patch origins are multiples of this, and P is one: networks that work at a fraction of the resolution
@@ -45,8 +69,6 @@ class Backend(Protocol):
 
     @property
     def name(self) -> str: ...  # noqa: D102
-    @property
-    def version(self) -> str: ...  # noqa: D102
     @property
     def licence(self) -> Licence: ...  # noqa: D102
     @property
@@ -83,5 +105,53 @@ class Backend(Protocol):
 
         Returns:
             [B, 2, P, P] float32 roughness (Disney's r) and metallic in [0, 1].
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class Clip:
+    """Frames of one window in order; a short one repeats its last frame, so that every clip is as long as the model's.
+
+    Attributes:
+        rgb: [F, H, W, 3] linear Rec.709, straight, 0 where the matte is 0.
+        matte: [F, H, W] coverage.
+        frames: frame number of each; a repeated one counts on, so that its noise is its own.
+    """
+
+    rgb: Float32
+    matte: Float32
+    frames: tuple[int, ...]
+
+
+class VideoBackend(Protocol):
+    """A conditional sampler of (roughness, metallic) clips: frames of a window are drawn together.
+
+    Attributes:
+        name: the word in the job file.
+        licence: of the weights.
+        footprint: frames of a window, evaluations of a member.
+        weights_digest: hexadecimal digest of the weights.
+    """
+
+    @property
+    def name(self) -> str: ...  # noqa: D102
+    @property
+    def licence(self) -> Licence: ...  # noqa: D102
+    @property
+    def footprint(self) -> Footprint: ...  # noqa: D102
+    @property
+    def weights_digest(self) -> str: ...  # noqa: D102
+
+    def draw(self, clip: Clip, seed: int, members: Sequence[int]) -> Iterator[Float32]:
+        """Draws members one after another.
+
+        Args:
+            clip: `footprint.window` frames.
+            seed: the job's seed; a member depends on it, on the clip's frame numbers and on its own number alone.
+            members: numbers k.
+
+        Yields:
+            [F, 2, H, W] roughness (Disney's r) and metallic in [0, 1].
         """
         ...

@@ -30,7 +30,6 @@ class EmbeddedBackend:
         self._network, self.patch = load_weights(path)
         self.weights_digest = file_digest(path)
         self.evaluations = steps
-        self.version = f"1-{steps}"
         self.noise_sigmas = (0.0, 0.0, *SMOOTH_SIGMAS) * steps
 
     @torch.no_grad()

@@ -13,6 +13,7 @@ from yesnt.decompose.backend import Backend
 from yesnt.decompose.blend import Patch, PatchGrid, PatchSum
 from yesnt.decompose.confidence import confidence as confidence
 from yesnt.decompose.noise_planes import ensemble_noise
+from yesnt.decompose.reuse import Prior, join
 from yesnt.decompose.settings import EnsembleSettings
 
 Float32 = NDArray[np.float32]
@@ -47,7 +48,13 @@ def decompose_frame(
 
 
 def estimate_frame(
-    rgb: Float32, matte: Float32, backend: Backend, settings: EnsembleSettings, seed: int, frame: int
+    rgb: Float32,
+    matte: Float32,
+    backend: Backend,
+    settings: EnsembleSettings,
+    seed: int,
+    frame: int,
+    prior: Prior | None = None,
 ) -> Estimate:
     """Draws the members of a frame patch by patch, blends each, then takes mean and population std over them.
 
@@ -58,6 +65,8 @@ def estimate_frame(
         settings: members, overlap, tolerance.
         seed: the job's seed.
         frame: frame number as delivered.
+        prior: a keyframe's estimate carried to this frame (`yesnt.decompose.reuse`): patches that it covers are not
+            drawn. None: every patch is.
 
     Returns:
         The estimate; the same bits for any order of patches, worker, restart or number of threads.
@@ -68,6 +77,8 @@ def estimate_frame(
     picture = _Picture.prepare(rgb, matte, backend, settings)
     moments = _Moments(*picture.grid.shape)
     active, total = picture.grid.covering(picture.matte), 0
+    if prior is not None:
+        active = _uncovered(picture, active, prior, settings)
     at_once = max(1, _MEMORY_FOR_MEMBERS // (4 * (len(backend.noise_sigmas) + 2) * picture.matte.size))
     for members in settings.rounds():
         active = _unsettled(picture.grid, active, picture.matte, moments, settings)
@@ -80,24 +91,34 @@ def estimate_frame(
             for value, weight in _draw(picture, active, noises, backend):
                 moments.update(value, weight)
         total += len(active) * len(members) * backend.evaluations
-    mean, std = (_finished(plane, picture.matte, matte.shape) for plane in moments.mean_and_std())
-    evaluations = _finished(moments.weight * backend.evaluations, picture.matte, matte.shape)
-    return Estimate(mean, std, evaluations, total)
+    mean, std = (picture.finished(plane) for plane in moments.mean_and_std())
+    if prior is not None:
+        share = picture.finished(np.minimum(moments.weight / settings.rounds()[0].stop, 1))
+        joined = join(Prior(mean, std, share > 0), share, prior, matte)
+        mean, std = joined.mean, joined.std
+    return Estimate(mean, std, picture.finished(moments.weight * backend.evaluations), total)
 
 
-def _finished(planes: NDArray[np.float64], matte: Float32, shape: tuple[int, ...]) -> Float32:
-    """Planes [..., H, W] without padding, 0 outside the matte."""
-    rows, columns = shape
-    return np.where(matte > 0, planes, 0)[..., :rows, :columns].astype(np.float32, order="C")
+def _uncovered(
+    picture: _Picture, patches: Sequence[Patch], prior: Prior, settings: EnsembleSettings
+) -> tuple[Patch, ...]:
+    """The patches of whose matte the prior covers too little."""
+    rows, columns = prior.known.shape
+    inside = picture.matte > 0.5  # flow, and so the prior, knows no more of the matte than this
+    known = np.zeros_like(inside)
+    known[:rows, :columns] = prior.known
+    counts = ((picture.grid.crop(inside, p).sum(), picture.grid.crop(inside & known, p).sum()) for p in patches)
+    return tuple(p for p, (all_, there) in zip(patches, counts, strict=True) if there < settings.reuse_share * all_)
 
 
 @dataclass(frozen=True)
 class _Picture:
-    """A frame padded to at least one patch: rgb [3, H, W], matte [H, W]."""
+    """A frame padded to at least one patch: rgb [3, H, W], matte [H, W]; `shape` is the frame's own."""
 
     grid: PatchGrid
     rgb: Float32
     matte: Float32
+    shape: tuple[int, ...]
 
     @classmethod
     def prepare(cls, rgb: Float32, matte: Float32, backend: Backend, settings: EnsembleSettings) -> _Picture:
@@ -109,7 +130,13 @@ class _Picture:
         grid = PatchGrid.cover(matte.shape[0], matte.shape[1], backend.patch, settings.overlap, backend.align)
         pad = ((0, grid.height - matte.shape[0]), (0, grid.width - matte.shape[1]))
         clean = np.where(inside[..., None], rgb, 0).astype(np.float32)
-        return cls(grid, np.pad(clean.transpose(2, 0, 1), ((0, 0), *pad)), np.pad(matte.astype(np.float32), pad))
+        padded = np.pad(clean.transpose(2, 0, 1), ((0, 0), *pad))
+        return cls(grid, padded, np.pad(matte.astype(np.float32), pad), matte.shape)
+
+    def finished(self, planes: NDArray[np.float64]) -> Float32:
+        """Planes [..., H, W] without padding, 0 outside the matte."""
+        rows, columns = self.shape
+        return np.where(self.matte > 0, planes, 0)[..., :rows, :columns].astype(np.float32, order="C")
 
 
 class _Moments:

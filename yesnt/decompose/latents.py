@@ -9,23 +9,11 @@ from typing import Any
 import torch
 from torch.nn import functional as F
 
-from yesnt.errors import MissingPartError
+from yesnt.errors import JobError, MissingPartError
 
 _MODEL = "diffusion_pytorch_model"
-_TEXT = "model"
 
-STABLE_DIFFUSION_FILES: tuple[str | tuple[str, ...], ...] = (
-    "model_index.json",
-    "scheduler/scheduler_config.json",
-    "unet/config.json",
-    (f"unet/{_MODEL}.safetensors", f"unet/{_MODEL}.fp16.safetensors"),
-    "vae/config.json",
-    (f"vae/{_MODEL}.safetensors", f"vae/{_MODEL}.fp16.safetensors"),
-    "text_encoder/config.json",
-    (f"text_encoder/{_TEXT}.safetensors", f"text_encoder/{_TEXT}.fp16.safetensors"),
-    "tokenizer/tokenizer_config.json",
-)
-"""Files of a Stable Diffusion checkpoint as diffusers saves it."""
+PRECISIONS = {"float32": torch.float32, "float16": torch.float16, "bfloat16": torch.bfloat16}
 
 
 def diffusers_for(backend: str) -> Any:
@@ -66,3 +54,24 @@ def latent_noise(noise: torch.Tensor, factor: int) -> torch.Tensor:
 def default_device() -> str:
     """CUDA where there is one."""
     return "cuda" if torch.cuda.is_available() else "cpu"
+
+
+def precision_named(name: str, device: str) -> torch.dtype:
+    """The precision that a job asks for; `auto`: half on CUDA, single elsewhere.
+
+    Raises:
+        JobError: there is no such precision.
+    """
+    if name == "auto":
+        return torch.float16 if device == "cuda" else torch.float32
+    if name not in PRECISIONS:
+        raise JobError(
+            f"There is no precision {name!r}", "key decompose.knobs", f"auto, {', '.join(PRECISIONS)}", "correct it"
+        )
+    return PRECISIONS[name]
+
+
+def placed(model: Any, device: str, precision: torch.dtype) -> Any:
+    """A network on its device, frozen, its convolutions laid out channels last."""
+    model = model.to(device, precision).requires_grad_(False).eval()
+    return model.to(memory_format=torch.channels_last)

@@ -8,14 +8,16 @@ from typing import Any
 import torch
 
 from yesnt.decompose.backend import Licence
-from yesnt.decompose.checkpoint import Published
-from yesnt.decompose.latents import STABLE_DIFFUSION_FILES, default_device, diffusers_for, latent_noise, local_only
-from yesnt.errors import JobError
-
-MARIGOLD = Published(
-    "Marigold-IID appearance", "prs-eth/marigold-iid-appearance-v1-1 (Hugging Face)", STABLE_DIFFUSION_FILES
+from yesnt.decompose.latents import (
+    default_device,
+    diffusers_for,
+    latent_noise,
+    local_only,
+    placed,
+    precision_named,
 )
-"""What the folder must hold."""
+from yesnt.decompose.published import MARIGOLD
+from yesnt.errors import JobError
 
 
 class MarigoldBackend:
@@ -29,6 +31,8 @@ class MarigoldBackend:
         folder: local checkpoint; nothing is ever downloaded.
         steps: denoising steps, the checkpoint's own number by default.
         patch: side of a patch, the checkpoint's processing resolution by default.
+        batch: rows of every call; another number differs in the last bits.
+        precision: auto, float32, float16 or bfloat16.
 
     Raises:
         MissingPartError: diffusers is not installed.
@@ -37,25 +41,27 @@ class MarigoldBackend:
 
     name = "marigold"
     licence = Licence("OpenRAIL++-M", commercial=True)
-    batch = 1
 
-    def __init__(self, folder: Path, steps: int | None = None, patch: int | None = None) -> None:
+    def __init__(
+        self, folder: Path, steps: int | None = None, patch: int | None = None, batch: int = 1, precision: str = "auto"
+    ) -> None:
         MARIGOLD.check(folder)
-        self._pipeline = _load(folder)
-        self._device = default_device()
-        self._pipeline.to(self._device)
+        self._pipeline, self._device, self.batch = _load(folder), default_device(), batch
+        dtype = precision_named(precision, self._device)
+        self._pipeline.to(self._device, dtype)
+        for model in (self._pipeline.unet, self._pipeline.vae):
+            placed(model, self._device, dtype)
         self._target = _material_target(self._pipeline, folder)
         self.align = int(self._pipeline.vae_scale_factor)
         self.patch = patch or int(self._pipeline.default_processing_resolution)
         self.evaluations = steps or int(self._pipeline.default_denoising_steps)
-        self.version = f"1-{self.evaluations}-{self.patch}"
         self.noise_sigmas = (0.0,) * int(self._pipeline.unet.config.out_channels)
         self.weights_digest = MARIGOLD.digest(folder)
         self._text = _empty_prompt(self._pipeline)
 
     @torch.no_grad()
     def encode(self, rgb: torch.Tensor, matte: torch.Tensor) -> torch.Tensor:
-        """[1, 3, P, P] to the picture's latent [1, 4, P/8, P/8]; the matte has already blackened what is outside."""
+        """[B, 3, P, P] to the picture's latents [B, 4, P/8, P/8]; the matte has already blackened what is outside."""
         vae = self._pipeline.vae
         coded = 2 * _srgb(rgb.to(self._device, vae.dtype)) - 1
         return vae.encode(coded).latent_dist.mode() * vae.config.scaling_factor
@@ -66,9 +72,10 @@ class MarigoldBackend:
         pipeline = self._pipeline
         latent = latent_noise(noise.to(condition), self.align)
         pipeline.scheduler.set_timesteps(self.evaluations, device=latent.device)
+        text = self._text.expand(len(latent), -1, -1)
         for time in pipeline.scheduler.timesteps:
             predicted = pipeline.unet(
-                torch.cat([condition, latent], 1), time, encoder_hidden_states=self._text, return_dict=False
+                torch.cat([condition, latent], 1), time, encoder_hidden_states=text, return_dict=False
             )[0]
             latent = pipeline.scheduler.step(predicted, time, latent).prev_sample
         channels = pipeline.vae.config.latent_channels

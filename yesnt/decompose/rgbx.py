@@ -8,11 +8,15 @@ from typing import Any
 import torch
 
 from yesnt.decompose.backend import Licence
-from yesnt.decompose.checkpoint import Published
-from yesnt.decompose.latents import STABLE_DIFFUSION_FILES, default_device, diffusers_for, latent_noise, local_only
-
-RGBX = Published("RGB to X", "zheng95z/rgb-to-x (Hugging Face)", STABLE_DIFFUSION_FILES)
-"""What the folder must hold."""
+from yesnt.decompose.latents import (
+    default_device,
+    diffusers_for,
+    latent_noise,
+    local_only,
+    placed,
+    precision_named,
+)
+from yesnt.decompose.published import RGBX
 
 _PROMPTS = ("Roughness", "Metallicness")
 
@@ -24,6 +28,8 @@ class RgbxBackend:
         folder: local checkpoint; nothing is ever downloaded.
         steps: denoising steps of each quantity.
         patch: side of a patch; the authors feed pictures of about 1000 pixels.
+        batch: rows of every call; another number differs in the last bits.
+        precision: auto, float32, float16 or bfloat16.
 
     Raises:
         MissingPartError: diffusers or transformers is not installed.
@@ -32,33 +38,34 @@ class RgbxBackend:
 
     name = "rgbx"
     licence = Licence("Adobe-Research", commercial=False)
-    batch = 1
 
-    def __init__(self, folder: Path, steps: int = 50, patch: int = 768) -> None:
+    def __init__(
+        self, folder: Path, steps: int = 50, patch: int = 768, batch: int = 1, precision: str = "auto"
+    ) -> None:
         RGBX.check(folder)
-        self._device = default_device()
+        self._device, self.batch = default_device(), batch
+        dtype = precision_named(precision, self._device)
         diffusers, options = diffusers_for(self.name), local_only(folder)
         self._unet = diffusers.UNet2DConditionModel.from_pretrained(folder, subfolder="unet", **options)
         self._vae = diffusers.AutoencoderKL.from_pretrained(folder, subfolder="vae", **options)
         for model in (self._unet, self._vae):
-            model.to(self._device).requires_grad_(False)
+            placed(model, self._device, dtype)
         # The authors override the stored schedule: zero terminal SNR, trailing steps.
         stored = diffusers.DDIMScheduler.load_config(folder, subfolder="scheduler", local_files_only=True)
         self._scheduler = diffusers.DDIMScheduler.from_config(
             stored, rescale_betas_zero_snr=True, timestep_spacing="trailing"
         )
-        self._texts = [_embedding(folder, prompt, options).to(self._device) for prompt in _PROMPTS]
+        self._texts = [_embedding(folder, prompt, options).to(self._device, dtype) for prompt in _PROMPTS]
         self._steps = steps
         self.align = 2 ** (len(self._vae.config.block_out_channels) - 1)
         self.patch = patch
         self.evaluations = steps * len(_PROMPTS)
-        self.version = f"1-{steps}-{patch}"
         self.noise_sigmas = (0.0,) * (int(self._unet.config.out_channels) * len(_PROMPTS))
         self.weights_digest = RGBX.digest(folder)
 
     @torch.no_grad()
     def encode(self, rgb: torch.Tensor, matte: torch.Tensor) -> torch.Tensor:
-        """[1, 3, P, P] to the picture's latent [1, 4, P/8, P/8]."""
+        """[B, 3, P, P] to the picture's latents [B, 4, P/8, P/8]."""
         linear = 2 * rgb.to(self._device, self._vae.dtype).clamp(0, 1) - 1
         latent: torch.Tensor = self._vae.encode(linear).latent_dist.mode() * self._vae.config.scaling_factor
         return latent
@@ -72,6 +79,7 @@ class RgbxBackend:
 
     def _run(self, condition: torch.Tensor, latent: torch.Tensor, text: torch.Tensor) -> torch.Tensor:
         self._scheduler.set_timesteps(self._steps, device=latent.device)
+        text = text.expand(len(latent), -1, -1)
         for time in self._scheduler.timesteps:
             both = torch.cat([self._scheduler.scale_model_input(latent, time), condition], 1)
             predicted = self._unet(both, time, encoder_hidden_states=text, return_dict=False)[0]

@@ -18,6 +18,12 @@ class EnsembleSettings:
         antithetic: members 2j and 2j + 1 share one noise field with opposite signs. Each is as good a draw as any, but
             what is odd in the noise leaves the mean: two members then serve the mean of roughness as well as eight.
         first: members drawn before the tolerance is looked at; then the number is doubled in every round.
+        keyframe_step: every so many frames one is drawn in full; those between take its estimate along the flow and
+            draw only where that fails. 1: every frame is drawn in full.
+        reuse_validity: validity of the flow along the whole way to the keyframe below which a pixel is drawn anew.
+        reuse_confidence: confidence of the keyframe's estimate (the lesser of roughness and metallic) below which
+            a pixel is drawn anew.
+        reuse_share: a patch of a frame between keyframes is not drawn if the estimate reaches this share of its matte.
     """
 
     samples: int = 8
@@ -25,6 +31,10 @@ class EnsembleSettings:
     tolerance: float = 0.0
     antithetic: bool = True
     first: int = 2
+    keyframe_step: int = 1
+    reuse_validity: float = 0.5
+    reuse_confidence: float = 0.5
+    reuse_share: float = 0.9
 
     def __post_init__(self) -> None:
         """Refuses what has no meaning.
@@ -38,6 +48,11 @@ class EnsembleSettings:
             raise ValueError(f"overlap {self.overlap} must be in [0, 1)")
         if self.tolerance < 0:
             raise ValueError(f"tolerance {self.tolerance} must not be negative")
+        if self.keyframe_step < 1:
+            raise ValueError(f"keyframe_step {self.keyframe_step} must be at least 1")
+        for name in ("reuse_validity", "reuse_confidence", "reuse_share"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"{name} {getattr(self, name)} must be in [0, 1]")
 
     def rounds(self) -> tuple[range, ...]:
         """Member numbers of every round: all in one without a tolerance, else 2, 2, 4, 8, ... of them."""
@@ -47,3 +62,12 @@ class EnsembleSettings:
         while edges[-1] < self.samples:
             edges.append(min(2 * edges[-1], self.samples))
         return tuple(range(a, b) for a, b in pairwise(edges))
+
+
+REUSE_ONLY = ("keyframe_step", "reuse_validity", "reuse_confidence", "reuse_share")
+"""Fields that a frame's result depends on only if it takes a keyframe's estimate."""
+
+
+def keyframe_after(position: int, length: int, step: int) -> int:
+    """Position of the keyframe that a frame takes from: itself, the next multiple of `step`, or the last frame."""
+    return min(-(-position // step) * step, length - 1)

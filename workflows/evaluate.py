@@ -39,9 +39,11 @@ def _nodes(plan: EvalPlan) -> Iterator[Node]:
         yield add(plan.material(keys))
     if plan.exact_arrays:
         yield add(plan.exact(keys))
-    for name, _ in plan.subject.maps:
-        yield add(plan.search(name))
-        for frame in plan.frames if plan.filmed(name) else plan.judged(name):
-            yield add(plan.judge(name, frame, keys))
-        if plan.filmed(name):
-            yield add(plan.film(name, keys))
+    names = [name for name, _ in plan.subject.maps]
+    yield from (add(plan.search(name)) for name in names)
+    # Frame by frame and then map by map: a frame's scene stays in its worker.
+    for frame in plan.frames:
+        yield from (add(plan.given(name, frame)) for name in names if frame in plan.judged(name))
+        filmed = (name for name in names if plan.filmed(name) or frame in plan.judged(name))
+        yield from (add(plan.judge(name, frame, keys)) for name in filmed)
+    yield from (add(plan.film(name, keys)) for name in names if plan.filmed(name))

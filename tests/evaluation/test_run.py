@@ -3,6 +3,7 @@
 import json
 import math
 
+import numpy as np
 import pytest
 
 from tests.evaluation.conftest import rgb
@@ -81,7 +82,7 @@ def test_margins_are_told_apart(evaluated):
 def test_page_and_markdown_stand_alone(evaluated):
     result = evaluated[2]
     page, text = result.page.read_text(), result.markdown.read_text()
-    assert page.count("data:image/jpeg;base64") == 2
+    assert page.count("data:image/jpeg;base64") == 3  # two maps and the materials
     assert "http" not in page
     assert "Largest error: decomposition" in page
     assert " ± " in text
@@ -110,6 +111,41 @@ def test_a_second_run_does_nothing_and_a_new_truth_redoes_its_map_alone(shot, tm
     assert ran
     assert all("dusk" not in stage for stage in ran)
     assert changed.document["cells"]["full"] != first.document["cells"]["full"]
+
+
+def test_full_is_what_the_product_delivers(evaluated):
+    """The same picture, to the bit, that the job of `yesnt run` would composite."""
+    from yesnt.graph import Graph
+    from yesnt.io.store import FrameStore
+    from yesnt.session import Session
+    from yesnt.tasks import run_node
+
+    home = evaluated[1] / "shots" / "ball"
+    session = Session(home)
+    graph = session.graph()
+    for node in Graph(graph.closure([("relight", 0)])):
+        if node.stage == "relight":
+            FrameStore.create(session.output.store, session.plan().arrays(), 2, session.job.height, session.job.width)
+            run_node(session.job, node)
+    store, position = FrameStore(session.output.store), 0
+    product = session.book.find("relight", 1001).arrays
+    lit = sum(store.read(name, position, product[name]) for name in ("diffuse", "specular"))
+    judged = session.book.find("judge.noon", 1001).arrays["relit.noon.full"]
+    np.testing.assert_array_equal(store.read("relit.noon.full", position, judged), lit)
+
+
+def test_new_materials_leave_the_given_rows_as_they_are(shot, tmp_path):
+    ran = []
+
+    def listen(event):
+        ran.extend([event["stage"]] if event["event"] == "done" else [])
+
+    run_evaluation(shot, tmp_path / "out", HERE)
+    path = shot / "passes.1001.exr"
+    write_exr(path, {n: np.sqrt(read_image(path).stack([n])[..., 0]) for n in ("roughness.Y", "metallic.Y")})
+    _fresh(run_evaluation, shot, tmp_path / "out", listen)
+    assert "judge.noon" in ran
+    assert not [stage for stage in ran if stage.startswith(("given", "search"))]
 
 
 def test_blenders_row_appears_when_it_is_rendered(shot, tmp_path):

@@ -13,8 +13,10 @@ from yesnt import settings as of
 from yesnt.camera import Camera
 from yesnt.evaluation.judge import FILMED
 from yesnt.evaluation.nets import open_nets
+from yesnt.evaluation.pictures import write_materials
 from yesnt.evaluation.subjects import Subject
 from yesnt.io import capture
+from yesnt.io.capture import file_digest
 from yesnt.io.jobfile import frame_path
 from yesnt.metrics.definitions import Metric, named
 from yesnt.metrics.image import psnr
@@ -27,6 +29,12 @@ from yesnt.workspace import Workspace
 F32 = NDArray[np.float32]
 
 PLANES = ("roughness", "metallic")
+
+MATERIAL_STRIP = "materials.jpg"
+"""Name of a shot's strip of materials among its pictures."""
+
+LARGEST_SPREAD = 0.5
+"""Standard deviation that is drawn white: values in 0..1 have none that is larger."""
 
 
 def exact(space: Workspace) -> None:
@@ -82,7 +90,19 @@ def material(space: Workspace) -> None:
             }
         if subject.has_flow(job.frames):
             facts["flow"] = _as_dict(_flow_numbers(space, subject))
-    space.commit(first, {}, facts=facts)
+    space.commit(first, {}, _material_strip(space, subject), facts)
+
+
+def _material_strip(space: Workspace, subject: Subject) -> dict[str, str]:
+    """True and solved materials and the ensemble's spread of the middle frame, for the page."""
+    frame = space.job.frames[len(space.job.frames) // 2]
+    plate = capture.read_plate(space.job, frame)
+    true = subject.read_material(frame, plate.matte).planes
+    own, spread = space.read("solve", "material", frame), space.read("decompose", "spread", frame)
+    path = space.output.root / "pictures" / MATERIAL_STRIP
+    maps = [plane for i in range(2) for plane in (true[i], own[i], spread[i] / LARGEST_SPREAD)]
+    write_materials(path, plate.color, maps, plate.matte)
+    return {str(path.relative_to(space.output.root)): file_digest(path)}
 
 
 def film(space: Workspace) -> None:

@@ -13,7 +13,7 @@ from yesnt.color import srgb_encode
 from yesnt.evaluation.nets import open_nets
 from yesnt.evaluation.pictures import write_strip
 from yesnt.evaluation.rows import EXACT_ARRAYS, ROWS, SEPARATIONS, Row
-from yesnt.evaluation.scene import Scene
+from yesnt.evaluation.scene import SceneKey, open_scene
 from yesnt.evaluation.subjects import PROXY, Subject, TrueMaterial
 from yesnt.io.capture import file_digest
 from yesnt.metrics.image import mean_squared_error, psnr
@@ -24,6 +24,9 @@ F32 = NDArray[np.float32]
 
 FILMED = ("unregularised", "full")
 """Rows whose pictures are kept for the film's numbers."""
+
+GIVEN_KEPT = ("full_true",)
+"""Given rows whose pictures are kept: what the stages' own errors are measured against."""
 
 SEARCH_STRIDE = 3
 SEARCH_ROUGHNESS = (0.2, 0.35, 0.5, 0.65, 0.8, 1.0)
@@ -39,6 +42,7 @@ def judge(space: Workspace) -> None:
     with space.kernel():
         pictures = {row.name: studio.picture(row) for row in rows}
         facts: dict[str, Any] = {"rows": {row.name: studio.scores(row, pictures[row.name]) for row in rows}}
+        pictures |= studio.given()
         facts["separation"] = studio.separations(pictures)
     files = _strip(space, studio, pictures) if arguments["strip"] else {}
     kept = {f"relit.{name}.{row}": pictures[row].transpose(2, 0, 1) for row in arguments["keep"]}
@@ -48,7 +52,7 @@ def judge(space: Workspace) -> None:
 def search(space: Workspace) -> None:
     """PSNR of every candidate constant on one frame under one map, at one pixel in nine, with few directions."""
     arguments, frame = space.node.arguments, space.node.frames[0]
-    scene = Scene(space.job, frame, SEARCH_STRIDE)
+    scene = open_scene(SceneKey(arguments["shot"], frame, SEARCH_STRIDE, space.job))
     radiance, opacity = arguments["subject"].read_relit(arguments["map"], frame)
     inside = (np.minimum(scene.matte, opacity) > 0.99) & (scene.matte > 0)
     row = Row("", "", "separation", "constant", "", {**arguments["knobs"]})
@@ -71,7 +75,7 @@ class _Studio:
 
     def __init__(self, space: Workspace, subject: Subject, name: str) -> None:
         self._space, self._frame, self._subject, self._map = space, space.node.frames[0], subject, name
-        self.scene = Scene(space.job, self._frame)
+        self.scene = open_scene(SceneKey(space.node.arguments["shot"], self._frame, 1, space.job))
         self.truth = Truth.of(*subject.read_relit(name, self._frame), self.scene.plate.matte, _nets(space))
         self._material: TrueMaterial = subject.read_material(self._frame, self.scene.plate.matte)
         self._made: dict[Any, F32] = {}
@@ -82,6 +86,14 @@ class _Studio:
         if way not in self._made:
             self._made[way] = self._make(row)
         return self._made[way]
+
+    def given(self) -> dict[str, F32]:
+        """The pictures that the node of the given rows has kept for this one."""
+        stage = f"given.{self._map}"
+        if self._space.node.stage == stage or not self._space.node.arguments["thorough"]:
+            return {}
+        read = {row: self._space.read(stage, f"relit.{self._map}.{row}", self._frame) for row in GIVEN_KEPT}
+        return {row: picture.transpose(1, 2, 0) for row, picture in read.items()}
 
     def scores(self, row: Row, picture: F32) -> Mapping[str, float]:
         """Numbers of a row: all for the table, the quick ones for the ladder and for frames between."""
@@ -98,7 +110,7 @@ class _Studio:
         return {
             one.stage: mean_squared_error(shown[one.candidate], shown[one.reference], self.truth.inside)
             for one in SEPARATIONS
-            if one.candidate in shown and one.reference in shown and "full_true" in pictures
+            if one.candidate in shown and one.reference in shown
         }
 
     def _constant(self, row: Row) -> tuple[float, float] | None:
@@ -137,8 +149,10 @@ def _nets(space: Workspace) -> Any:
 
 
 def _strip(space: Workspace, studio: _Studio, pictures: Mapping[str, F32]) -> dict[str, str]:
-    """Plate, truth, ours and FLIP side by side, for the page."""
-    shown = next(name for name in ("full", "full_true") if name in pictures)
+    """Plate, truth, ours, FLIP and ours with true materials side by side, for the page."""
+    ceiling = pictures.get("full_true")
+    ours = pictures.get("full", ceiling)
+    assert ours is not None
     path = space.output.root / "pictures" / f"{space.node.arguments['map']}.{space.node.frames[0]:04d}.jpg"
-    write_strip(path, studio.scene.plate.color, pictures[shown], studio.truth)
+    write_strip(path, studio.scene.plate.color, ours, ceiling, studio.truth)
     return {str(path.relative_to(space.output.root)): file_digest(path)}

@@ -8,7 +8,8 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from yesnt.evaluation.pictures import PANELS
+from yesnt.evaluation.film import MATERIAL_STRIP, PLANES
+from yesnt.evaluation.pictures import MATERIAL_PANELS, PANELS
 from yesnt.evaluation.table import Table, headline, number, tables
 from yesnt.io.durable import write_bytes
 
@@ -36,6 +37,7 @@ def write_page(path: Path, document: Mapping[str, Any], output: Path) -> None:
         f"<p>From left to right: {', '.join(PANELS)}.</p>",
     ]
     parts += [_figure(one, document, output) for one in document["worst"]]
+    parts += _materials(document, output)
     head = f"<!doctype html><meta charset=utf-8><title>yesnt eval</title><style>{_STYLE}</style>"
     write_bytes(path, (head + "\n".join(parts)).encode())
 
@@ -59,7 +61,6 @@ def _figure(one: Mapping[str, Any], document: Mapping[str, Any], output: Path) -
     picture = output / one["picture"]
     if not picture.is_file():
         return ""
-    data = base64.b64encode(picture.read_bytes()).decode()
     numbers = document["cells"][one["row"]][one["cell"]]
     lines = "".join(
         f'<tr title="{escape(document["definitions"][m])}"><td>{escape(m)}</td><td>{number(m, numbers[m])}</td></tr>'
@@ -67,8 +68,36 @@ def _figure(one: Mapping[str, Any], document: Mapping[str, Any], output: Path) -
         if m in numbers
     )
     note = " (true materials)" if one["row"] == "full_true" else ""
-    image = f'<img alt="{escape(one["cell"])}" src="data:image/jpeg;base64,{data}">'
+    image = _image(picture, one["cell"])
     return f"<figure>{image}<div><b>{escape(one['cell'])}</b>{note}<table>{lines}</table></div></figure>"
+
+
+def _materials(document: Mapping[str, Any], output: Path) -> list[str]:
+    """A strip of true and estimated materials for every shot."""
+    strips = {shot: output / "shots" / shot / "out" / "pictures" / MATERIAL_STRIP for shot in _by_error(document)}
+    figures = [_plain_figure(shot, path, document) for shot, path in strips.items() if path.is_file()]
+    head = f"<h2>Materials, worst first</h2><p>From left to right: {', '.join(MATERIAL_PANELS)} (0.5 is white).</p>"
+    return [head, *figures] if figures else []
+
+
+def _by_error(document: Mapping[str, Any]) -> list[str]:
+    shots = document["material"]["shots"]
+    return sorted(shots, key=lambda shot: -sum(shots[shot]["material"][p]["own"]["rmse"] for p in PLANES))
+
+
+def _plain_figure(shot: str, path: Path, document: Mapping[str, Any]) -> str:
+    numbers = document["material"]["shots"][shot]["material"]
+    lines = "".join(
+        f"<tr><td>{plane} {metric}</td><td>{number(metric, numbers[plane]['own'][metric])}</td></tr>"
+        for plane in PLANES
+        for metric in ("rmse", "bias")
+    )
+    return f"<figure>{_image(path, shot)}<div><b>{escape(shot)}</b><table>{lines}</table></div></figure>"
+
+
+def _image(path: Path, title: str) -> str:
+    data = base64.b64encode(path.read_bytes()).decode()
+    return f'<img alt="{escape(title)}" src="data:image/jpeg;base64,{data}">'
 
 
 def _calibration(document: Mapping[str, Any]) -> str:

@@ -12,16 +12,17 @@ from typing import Any
 import numpy as np
 
 from yesnt import settings as of
-from yesnt.evaluation.judge import FILMED, SEARCH_METALLIC, SEARCH_ROUGHNESS, SEARCH_STRIDE
+from yesnt.evaluation.judge import FILMED, GIVEN_KEPT, SEARCH_METALLIC, SEARCH_ROUGHNESS, SEARCH_STRIDE
 from yesnt.evaluation.nets import stlpips_weights
 from yesnt.evaluation.rows import EXACT_ARRAYS, ROWS, Row
 from yesnt.evaluation.subjects import PROXY, Subject, common_frames
 from yesnt.graph import Node, NodeId
 from yesnt.io.capture import file_digest
+from yesnt.io.records import key_of
 from yesnt.session import Session
 from yesnt.stages import STAGES
 
-VERSION = 1
+VERSION = 2
 """Of this package's tasks; raised when a number changes, which makes every older record stale."""
 
 Keys = Mapping[tuple[str, int], str]
@@ -89,6 +90,7 @@ class EvalPlan:
         kept = {
             f"relit.{name}.{row}": "diffuse" for name, _ in self.subject.maps for row in FILMED if self.filmed(name)
         }
+        kept |= {f"relit.{name}.{row}": "diffuse" for name, _ in self.subject.maps for row in GIVEN_KEPT}
         return kept | dict.fromkeys(self.exact_arrays, "material")
 
     def exact(self, keys: Keys) -> Node:
@@ -115,35 +117,51 @@ class EvalPlan:
 
     def search(self, name: str) -> Node:
         """PSNR of candidate constants on one frame."""
-        judged = self.judged(name)
-        frame = judged[len(judged) // 2]
+        frame = self._shown(name)
         grid = {"roughness": SEARCH_ROUGHNESS, "metallic": SEARCH_METALLIC, "stride": SEARCH_STRIDE, **SEARCH_KNOBS}
         inputs = self._picture_files(name, frame)
-        arguments = {"map": name, "env": self.subject.env_path(name), "knobs": SEARCH_KNOBS}
+        arguments = {
+            "map": name, "env": self.subject.env_path(name), "knobs": SEARCH_KNOBS, "shot": self._shot_digest(frame),
+        }  # fmt: skip
         return self._node(f"search.{name}", (frame,), self._relighting() | {"grid": grid}, inputs, [], {}, arguments)
 
+    def given(self, name: str, frame: int) -> Node:
+        """The rows that the decomposition has no part in; true materials are kept for the stages' own errors."""
+        rows = [row.name for row in self._present(name) if row.given]
+        strip = bool(self.lacking) and frame == self._shown(name)
+        arguments = self._arguments(name, rows, strip=strip, keep=GIVEN_KEPT)
+        return self._pictures(f"given.{name}", frame, arguments, [], {})
+
     def judge(self, name: str, frame: int, keys: Keys) -> Node:
-        """Every row of a frame but the constants, or only the filmed ones."""
-        judged, absent = self.judged(name), self.absent(name)
-        thorough = frame in judged
-        rows = [r for r in ROWS.values() if r.name not in absent and r.source not in ("constant", "own_constant")]
-        names = [row.name for row in rows if thorough or row.name in FILMED]
-        upstream = [("exact", frame)] if thorough and self.exact_arrays else []
+        """The rows that the decomposition has a part in, or on frames between only those of the film."""
+        thorough = frame in self.judged(name)
+        rows = [row.name for row in self._present(name) if not row.given and (thorough or row.name in FILMED)]
+        upstream = [(f"given.{name}", frame)] if thorough else []
+        upstream += [("exact", frame)] if thorough and self.exact_arrays else []
         if not self.lacking:
             upstream += [("decompose", frame), ("solve", frame)]
-        arguments = {
-            "map": name, "rows": names, "thorough": thorough, "constants": {},
-            "strip": frame == judged[len(judged) // 2], "keep": FILMED if self.filmed(name) else (),
-            "lpips": self._lpips,
-        }  # fmt: skip
+        strip = not self.lacking and frame == self._shown(name)
+        keep = FILMED if self.filmed(name) else ()
+        arguments = self._arguments(name, rows, thorough=thorough, strip=strip, keep=keep)
         return self._pictures(f"judge.{name}", frame, arguments, upstream, keys)
+
+    def _present(self, name: str) -> list[Row]:
+        """Rows that can be had under a map, but for the constants, which are known later."""
+        absent = self.absent(name)
+        return [r for r in ROWS.values() if r.name not in absent and r.source not in ("constant", "own_constant")]
+
+    def _shown(self, name: str) -> int:
+        """The frame whose pictures stand on the page."""
+        judged = self.judged(name)
+        return judged[len(judged) // 2]
+
+    def _arguments(self, name: str, rows: list[str], **more: Any) -> dict[str, Any]:
+        plain = {"map": name, "rows": rows, "thorough": True, "constants": {}, "strip": False, "keep": ()}
+        return {**plain, "lpips": None if self.lpips is None else str(self.lpips), **more}
 
     def flat(self, name: str, frame: int, constants: Mapping[str, tuple[float, float]]) -> Node:
         """The rows of constant materials."""
-        arguments = {
-            "map": name, "rows": list(constants), "thorough": True, "constants": dict(constants), "strip": False,
-            "keep": (), "lpips": self._lpips,
-        }  # fmt: skip
+        arguments = self._arguments(name, list(constants), constants=dict(constants))
         return self._pictures(f"flat.{name}", frame, arguments, [], {})
 
     def film(self, name: str, keys: Keys) -> Node:
@@ -156,14 +174,11 @@ class EvalPlan:
             f"film.{name}", self.frames[:1], {"nets": self._nets()}, inputs, upstream, keys, {"map": name}
         )
 
-    @property
-    def _lpips(self) -> str | None:
-        return None if self.lpips is None else str(self.lpips)
-
     def _pictures(
         self, stage: str, frame: int, arguments: dict[str, Any], upstream: list[tuple[str, int]], keys: Keys
     ) -> Node:
         told = {k: list(v) if isinstance(v, tuple) else v for k, v in arguments.items() if k != "lpips"}
+        arguments = {**arguments, "shot": self._shot_digest(frame)}
         settings = self._relighting() | {"told": told, "nets": self._nets()}
         inputs = self._picture_files(arguments["map"], frame)
         proxy = self.subject.relit_path(arguments["map"], frame, PROXY)
@@ -187,6 +202,10 @@ class EvalPlan:
             "material": self.subject.material_path(frame),
         }  # fmt: skip
         return self._shot_files((frame,)) | {role: _digest(path) for role, path in truth.items()}
+
+    def _shot_digest(self, frame: int) -> str:
+        """What the scene of a frame is remembered by in a worker."""
+        return key_of({"root": self.session.job.root, "files": self._shot_files((frame,)), **self._relighting()})
 
     def _truth_files(self) -> dict[str, str]:
         paths = [self.subject.material_path(frame) for frame in self.frames]

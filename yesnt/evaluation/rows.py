@@ -11,7 +11,7 @@ Source = Literal["plate", "own", "observed", "true", "constant", "own_constant",
 Group = Literal["table", "ladder", "separation"]
 
 FULL: Mapping[str, Any] = MappingProxyType({})
-PAPER = MappingProxyType({"base_color": "plate", "brdf": "paper", "bounce": 0})
+PAPER = MappingProxyType({"base_color": "plate", "brdf": "paper", "bounce": 0, "edges": False})
 UNSHADOWED = MappingProxyType({"shadows": False, "bounce": 0})
 
 
@@ -43,6 +43,11 @@ class Row:
     def needs_own(self) -> bool:
         """Whether it needs the decomposition."""
         return self.source in ("own", "observed")
+
+    @property
+    def given(self) -> bool:
+        """Whether it is the same whatever the decomposition says, so that new weights leave it as it is."""
+        return self.source in ("plate", "true", "blender")
 
 
 def _ladder() -> tuple[Row, ...]:

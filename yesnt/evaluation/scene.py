@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,16 +28,20 @@ from yesnt.relight import (
     prepare_relight,
     uniform_light,
 )
-from yesnt.relight.frame import base_color, shade_pixels
-from yesnt.relight.occlusion import find_occluders
-from yesnt.relight.points import gather_pixels
+from yesnt.relight.frame import base_color, finish_edges, shade_pixels
+from yesnt.relight.occlusion import Occluders, find_occluders
+from yesnt.relight.points import Pixels, gather_pixels
 from yesnt.shot import Job, LightInput
 
 F32 = NDArray[np.float32]
 
 
+_REMEMBERED = 32
+"""Bundles of rays whose hits are kept: those of one frame of the stage under one map and the capture light."""
+
+
 class RememberingProxy(ProxyScene):
-    """A proxy that keeps what it was asked: rows and candidates differ in materials, and rays do not see these."""
+    """A proxy that keeps what it was last asked: rows and candidates differ in materials, and rays do not see these."""
 
     @cached_property
     def _known(self) -> dict[bytes, NDArray[np.int32]]:
@@ -44,13 +49,21 @@ class RememberingProxy(ProxyScene):
 
     def first_hits(self, origins: F32, directions: F32) -> NDArray[np.int32]:
         """As `ProxyScene.first_hits`, bit for bit."""
-        asked = hashlib.blake2b(digest_size=16)
-        for rays in (origins, directions):
-            asked.update(np.ascontiguousarray(rays).data)
-        key = asked.digest()
-        if key not in self._known:
-            self._known[key] = super().first_hits(origins, directions)
-        return self._known[key]
+        key = _digest(origins, directions)
+        hits = self._known.pop(key, None)
+        if hits is None:
+            hits = super().first_hits(origins, directions)
+        self._known[key] = hits  # the latest stands last
+        if len(self._known) > _REMEMBERED:
+            del self._known[next(iter(self._known))]
+        return hits
+
+
+def _digest(*arrays: NDArray[np.floating]) -> bytes:
+    made = hashlib.blake2b(digest_size=16)
+    for array in arrays:
+        made.update(np.ascontiguousarray(array).data)
+    return made.digest()
 
 
 @dataclass(frozen=True)
@@ -119,9 +132,47 @@ class Scene:
             assert true_base is not None
             base = true_base.reshape(-1, 3)[pixels.index]
         else:
-            color = self.plate.color.reshape(-1, 3)[pixels.index]
-            base = base_color(color, pixels, occluders, captured_light(self.job, settings), settings)
-        return shade_pixels(base, pixels, occluders, new_light(env, settings), settings).radiance
+            base = self._base(pixels, occluders, settings, (row.proxy, _digest(planes)))
+        relit = shade_pixels(base, pixels, occluders, new_light(env, settings), settings)
+        return finish_edges(relit, pixels.image(self._color(pixels)), surface, settings).radiance
+
+    def _base(self, pixels: Pixels, occluders: Occluders, settings: RelightSettings, way: tuple[Any, ...]) -> F32:
+        """Base colour [P, 3] out of the plate; the light that relights has no part in it, so all maps share one."""
+        key = (*way, dataclasses.replace(settings, texels=1, clusters=1))
+        if key not in self._bases:
+            captured = captured_light(self.job, settings)
+            self._bases[key] = base_color(self._color(pixels), pixels, occluders, captured, settings)
+        return self._bases[key]
+
+    def _color(self, pixels: Pixels) -> F32:
+        return self.plate.color.reshape(-1, 3)[pixels.index]
+
+    @cached_property
+    def _bases(self) -> dict[Any, F32]:
+        return {}
+
+
+@dataclass(frozen=True)
+class SceneKey:
+    """What a scene is known by.
+
+    Attributes:
+        digest: of the job's place and of every file that the scene reads.
+        frame: its number.
+        stride: as for `Scene`.
+        job: of the shot.
+    """
+
+    digest: str
+    frame: int
+    stride: int
+    job: Job = field(compare=False)
+
+
+@lru_cache(maxsize=1)
+def open_scene(key: SceneKey) -> Scene:
+    """A frame that stays in the worker from map to map."""
+    return Scene(key.job, key.frame, key.stride)
 
 
 def captured_light(job: Job, settings: RelightSettings) -> PreparedLight:

@@ -50,7 +50,7 @@ def _cells(plans: Sequence[EvalPlan]) -> Cells:
     for plan in plans:
         for name, _ in plan.subject.maps:
             rows: dict[str, list[Mapping[str, float]]] = {}
-            for facts in _facts(plan, name, ("judge", "flat")):
+            for facts in _facts(plan, name, ("given", "judge", "flat")):
                 for row, numbers in facts["rows"].items():
                     rows.setdefault(row, []).extend([numbers] if numbers else [])
             for row, frames in rows.items():
@@ -116,7 +116,7 @@ def _own_errors(plans: Sequence[EvalPlan], stage: str) -> list[float]:
     errors = []
     for plan in plans:
         for name, _ in plan.subject.maps:
-            parts = [facts["separation"] for facts in _facts(plan, name, ("judge",))]
+            parts = [facts["separation"] for facts in _facts(plan, name, ("given", "judge"))]
             frames = [part[stage] for part in parts if stage in part]
             errors += [float(np.mean(frames))] if frames else []
     return errors

@@ -57,7 +57,7 @@ class Truth:
     @cached_property
     def frame(self) -> tuple[slice, slice]:
         """Where anything can differ: the box of the opacity with `_MARGIN` pixels around, past which all is black."""
-        return _box(self.opacity > 0, _MARGIN)
+        return box_of(self.opacity > 0, _MARGIN)
 
     @cached_property
     def peak(self) -> float:
@@ -72,7 +72,7 @@ class Truth:
     @cached_property
     def box(self) -> tuple[slice, slice]:
         """Bounding box of the inside."""
-        return _box(self.inside, 0)
+        return box_of(self.inside, 0)
 
     def boxed(self, display: NDArray[np.floating]) -> NDArray[np.floating]:
         """A display picture cut to the box, black outside the matte."""
@@ -84,7 +84,7 @@ class Truth:
         return [(net.features(self.display), net.features(self.boxed(self.display))) for net in self.nets]
 
 
-def _box(mask: NDArray[np.bool_], margin: int) -> tuple[slice, slice]:
+def box_of(mask: NDArray[np.bool_], margin: int) -> tuple[slice, slice]:
     """Rows and columns that hold the mask, widened; all of the picture if the mask is empty."""
     rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
     if not rows.size:

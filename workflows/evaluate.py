@@ -40,7 +40,7 @@ def _nodes(plan: EvalPlan) -> Iterator[Node]:
     if plan.exact_arrays:
         yield add(plan.exact(keys))
     names = [name for name, _ in plan.subject.maps]
-    yield from (add(plan.search(name)) for name in names)
+    yield from (add(plan.search(name)) for name in plan.probed)
     # Frame by frame and then map by map: a frame's scene stays in its worker.
     for frame in plan.frames:
         yield from (add(plan.given(name, frame)) for name in names if frame in plan.judged(name))

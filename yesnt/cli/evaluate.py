@@ -15,8 +15,12 @@ from yesnt.cli import text
 FolderArgument = Annotated[Path | None, typer.Argument(metavar="FOLDER", help="a shot with truth, or a folder of such")]
 SetOption = Annotated[str | None, typer.Option("--set", help="a set of the stage: objects, sequences; or embedded")]
 OutputOption = Annotated[Path | None, typer.Option(help="where results go (default: eval/SET)")]
+ShotsOption = Annotated[str | None, typer.Option(help="shots to judge, as vase,knot (default: all)")]
 MapsOption = Annotated[str | None, typer.Option(help="maps to judge, as city,studio (default: all)")]
 FramesOption = Annotated[int, typer.Option(min=1, help="frames of a shot on which every row is scored, at most")]
+ProbesOption = Annotated[
+    int, typer.Option(min=1, help="maps of a shot under which the ladder is climbed and constants are searched")
+]
 SamplesOption = Annotated[int | None, typer.Option(min=1, help="members of the ensemble (default: as the shot says)")]
 WeightsOption = Annotated[Path | None, typer.Option(help="weights of the decomposition")]
 QualityOption = Annotated[
@@ -32,8 +36,10 @@ def evaluate(
     folder: FolderArgument = None,
     set_name: SetOption = None,
     output: OutputOption = None,
-    maps: MapsOption = None,
+    maps: ShotsOption = Annotated[str | None, typer.Option(help="shots to judge, as vase,knot (default: all)")]
+MapsOption = None,
     frames: FramesOption = 3,
+    probes: ProbesOption = 3,
     samples: SamplesOption = None,
     weights: WeightsOption = None,
     quality: QualityOption = None,
@@ -46,8 +52,10 @@ def evaluate(
     from yesnt.evaluation.run import EvalOptions, run_evaluation
     from yesnt.evaluation.table import as_markdown
 
-    chosen = None if maps is None else tuple(name.strip() for name in maps.split(",") if name.strip())
-    options = EvalOptions(chosen, frames, samples, weights, quality, lpips, workers, cluster)
+    options = EvalOptions(
+        shots=_names(shots), maps=_names(maps), thorough=frames, probes=probes, samples=samples, weights=weights,
+        quality=quality, lpips=lpips, workers=workers, cluster=cluster,
+    )  # fmt: skip
     source = _source(folder, set_name)
     target = output or Path("eval") / (set_name or source.absolute().name)
     with _progress(json) as listen:
@@ -60,6 +68,10 @@ def evaluate(
             print(f"Failed: {node}: {reason}")
         print(f"JSON:     {result.json}\nMarkdown: {result.markdown}\nPage:     {result.page}")
     return 3 if result.failed else 0
+
+
+def _names(text: str | None) -> tuple[str, ...] | None:
+    return None if text is None else tuple(name.strip() for name in text.split(",") if name.strip())
 
 
 def _source(folder: Path | None, set_name: str | None) -> Path:

@@ -28,7 +28,7 @@ FILMED = ("unregularised", "full")
 GIVEN_KEPT = ("full_true",)
 """Given rows whose pictures are kept: what the stages' own errors are measured against."""
 
-SEARCH_STRIDE = 3
+SEARCH_STRIDE = 5
 SEARCH_ROUGHNESS = (0.2, 0.35, 0.5, 0.65, 0.8, 1.0)
 SEARCH_METALLIC = (0.0, 0.25, 0.5, 1.0)
 
@@ -50,7 +50,7 @@ def judge(space: Workspace) -> None:
 
 
 def search(space: Workspace) -> None:
-    """PSNR of every candidate constant on one frame under one map, at one pixel in nine, with few directions."""
+    """PSNR of every candidate constant on one frame under one map, at one pixel in 25, with few directions."""
     arguments, frame = space.node.arguments, space.node.frames[0]
     scene = open_scene(SceneKey(arguments["shot"], frame, SEARCH_STRIDE, space.job))
     radiance, opacity = arguments["subject"].read_relit(arguments["map"], frame)

@@ -41,6 +41,7 @@ class EvalPlan:
         session: the product's own view of it, its output inside the evaluation's folder.
         lacking: why there is no decomposition; "" if there is.
         thorough: frames of a shot, at most, on which every row is scored.
+        probes: maps of a shot, at most, under which the ladder is climbed and the best constants are searched.
         lpips: the user's LPIPS weights.
     """
 
@@ -48,6 +49,7 @@ class EvalPlan:
     session: Session
     lacking: str = ""
     thorough: int = 3
+    probes: int = 3
     lpips: Path | None = None
 
     @property
@@ -59,6 +61,12 @@ class EvalPlan:
         """Frames on which every row is scored under a map: spread over those that have truth."""
         there = common_frames(self.subject, name, self.frames)
         return tuple(there[i] for i in np.unique(np.linspace(0, len(there) - 1, self.thorough).round().astype(int)))
+
+    @cached_property
+    def probed(self) -> tuple[str, ...]:
+        """Maps under which the ladder is climbed and constants are searched: spread over those of the shot."""
+        names = [name for name, _ in self.subject.maps]
+        return tuple(names[i] for i in np.unique(np.linspace(0, len(names) - 1, self.probes).round().astype(int)))
 
     def filmed(self, name: str) -> bool:
         """Whether there is a film under a map to be measured."""
@@ -147,8 +155,9 @@ class EvalPlan:
 
     def _present(self, name: str) -> list[Row]:
         """Rows that can be had under a map, but for the constants, which are known later."""
-        absent = self.absent(name)
-        return [r for r in ROWS.values() if r.name not in absent and r.source not in ("constant", "own_constant")]
+        absent, later = self.absent(name), ("constant", "own_constant")
+        rows = [row for row in ROWS.values() if row.name not in absent and row.source not in later]
+        return [row for row in rows if row.group != "ladder" or name in self.probed]
 
     def _shown(self, name: str) -> int:
         """The frame whose pictures stand on the page."""

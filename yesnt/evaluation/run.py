@@ -37,8 +37,10 @@ class EvalOptions:
     """What is measured and how.
 
     Attributes:
+        shots: shots to judge; None: all that there is truth for.
         maps: maps to judge; None: all that there is truth for.
         thorough: frames of a shot, at most, on which every row is scored.
+        probes: maps of a shot, at most, under which the ladder is climbed and the best constants are searched.
         samples: members of the ensemble; None: as the shots say.
         weights: of the decomposition; None: as the shots say.
         quality: of the relighting; None: as the shots say.
@@ -47,8 +49,10 @@ class EvalOptions:
         cluster: where tasks run.
     """
 
+    shots: tuple[str, ...] | None = None
     maps: tuple[str, ...] | None = None
     thorough: int = 3
+    probes: int = 3
     samples: int | None = None
     weights: Path | None = None
     quality: str | None = None
@@ -97,7 +101,7 @@ def run_evaluation(
         JobError: an input is wrong.
     """
     started = time.time()
-    plans = [open_plan(subject, output, options) for subject in find_subjects(folder, options.maps)]
+    plans = [open_plan(subject, output, options) for subject in find_subjects(folder, options.maps, options.shots)]
     with ExitStack() as stack:
         drive = _Drive(options, listen, stack)
         for plan in plans:
@@ -132,7 +136,7 @@ def open_plan(subject: Subject, output: Path, options: EvalOptions) -> EvalPlan:
         true = _absolute(shot, subject, options)
         true["decompose"] = {"path": str(subject.folder / "truth" / "material.####.exr")}
         session = _session(home, true)
-    return EvalPlan(subject, session, lacking, options.thorough, options.lpips)
+    return EvalPlan(subject, session, lacking, options.thorough, options.probes, options.lpips)
 
 
 def _session(home: Path, document: Mapping[str, Any]) -> Session:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence, Set
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -82,15 +82,18 @@ class Subject:
         return len(frames) > 1 and all(self.flow_path(frame).is_file() for frame in frames[:-1])
 
 
-def find_subjects(folder: Path, maps: Sequence[str] | None = None) -> tuple[Subject, ...]:
+def find_subjects(
+    folder: Path, maps: Sequence[str] | None = None, shots: Sequence[str] | None = None
+) -> tuple[Subject, ...]:
     """Every shot with relit truth at or below a folder, by name.
 
     Args:
         folder: a shot, a set of shots, or a folder of sets.
         maps: the maps to keep; None: all.
+        shots: the shots to keep, by name; None: all.
 
     Raises:
-        UsageError: there is no such shot, or a map that is asked for is nowhere.
+        UsageError: there is no such shot, or a shot or map that is asked for is nowhere.
     """
     jobs = sorted(folder.rglob("shot.yaml")) if folder.is_dir() else []
     found = [_subject(job.parent, folder) for job in jobs if (job.parent / TRUTH).is_dir()]
@@ -100,16 +103,19 @@ def find_subjects(folder: Path, maps: Sequence[str] | None = None) -> tuple[Subj
             "There is no shot with truth here", str(folder), "shot.yaml with truth/relit_MAP.####.exr beside it",
             "`yesnt stage` renders them, or name another folder",
         )  # fmt: skip
-    if maps is None:
-        return tuple(found)
-    known = {name for subject in found for name, _ in subject.maps}
-    unknown = [name for name in maps if name not in known]
+    if shots is not None:
+        _all_known(shots, {subject.name for subject in found}, "There is no shot", "--shots")
+        found = [subject for subject in found if subject.name in shots]
+    if maps is not None:
+        _all_known(maps, {name for subject in found for name, _ in subject.maps}, "No shot has the map", "--maps")
+        found = [replace(s, maps=tuple(m for m in s.maps if m[0] in maps)) for s in found]
+    return tuple(subject for subject in found if subject.maps)
+
+
+def _all_known(asked: Sequence[str], known: Set[str], what: str, where: str) -> None:
+    unknown = [name for name in asked if name not in known]
     if unknown:
-        raise UsageError(
-            f"No shot has the map {unknown[0]!r}", "--maps", ", ".join(sorted(known)), "check its spelling"
-        )
-    kept = [Subject(s.folder, s.name, tuple(m for m in s.maps if m[0] in maps)) for s in found]
-    return tuple(subject for subject in kept if subject.maps)
+        raise UsageError(f"{what} {unknown[0]!r}", where, ", ".join(sorted(known)), "check its spelling")
 
 
 def _subject(folder: Path, root: Path) -> Subject:

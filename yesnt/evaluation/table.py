@@ -110,14 +110,15 @@ def _rows(document: Mapping[str, Any], group: str, title: str, wanted: Sequence[
     lines, notes = [], []
     for row in rows:
         cells = [number(m, row["values"].get(m)) for m in metrics]
-        lines.append((row["title"], *_paper(group, row["name"]), *cells))
+        pairs = max((value.get("n", 0) for value in row["values"].values()), default=0)
+        lines.append((row["title"], *_paper(group, row["name"]), str(pairs), *cells))
         reason = row["absent"] or row["partly"]
         notes.append(f"{row['title']}: {row['definition']}" + (f". Not measured ({reason})" if reason else ""))
     if group == "table":
         notes += _constants(document)
     paper = ("paper: PSNR / SSIM",) if group == "table" else ()
     known = tuple(notes) if explained else ()
-    return Table(title, ("row", *paper, *_titles(metrics)), tuple(lines), (*known, *_notes(metrics)))
+    return Table(title, ("row", *paper, "pairs", *_titles(metrics)), tuple(lines), (*known, *_notes(metrics)))
 
 
 def _paper(group: str, name: str) -> tuple[str, ...]:
@@ -134,7 +135,7 @@ def _constants(document: Mapping[str, Any]) -> list[str]:
     whole = next(iter(document["constants"].values()))["no_decomposition"]
     return [
         f"Best constant of the set: roughness {whole[0]:g}, metallic {whole[1]:g}; per shot: {'; '.join(texts)} "
-        "(grid search with few directions at one pixel in nine)"
+        "(grid search with few directions at one pixel in 25, under a few maps of each shot)"
     ]
 
 

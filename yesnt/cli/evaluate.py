@@ -36,8 +36,8 @@ def evaluate(
     folder: FolderArgument = None,
     set_name: SetOption = None,
     output: OutputOption = None,
-    maps: ShotsOption = Annotated[str | None, typer.Option(help="shots to judge, as vase,knot (default: all)")]
-MapsOption = None,
+    shots: ShotsOption = None,
+    maps: MapsOption = None,
     frames: FramesOption = 3,
     probes: ProbesOption = 3,
     samples: SamplesOption = None,

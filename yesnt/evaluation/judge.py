@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from yesnt.color import srgb_encode
 from yesnt.evaluation.nets import open_nets
-from yesnt.evaluation.pictures import write_strip
+from yesnt.evaluation.pictures import strip_name, write_strip
 from yesnt.evaluation.rows import EXACT_ARRAYS, ROWS, SEPARATIONS, Row
 from yesnt.evaluation.scene import SceneKey, open_scene
 from yesnt.evaluation.subjects import PROXY, Subject, TrueMaterial
@@ -99,7 +99,7 @@ class _Studio:
         """Numbers of a row: all for the table, the quick ones for the ladder and for frames between."""
         if row.group == "separation":
             return {}
-        full = row.group == "table" and self._space.node.arguments["thorough"]
+        full = row.thorough and self._space.node.arguments["thorough"]
         found = score(picture, self.truth) if full else score_briefly(picture, self.truth)
         return {metric.name: metric.value for metric in found}
 
@@ -150,9 +150,8 @@ def _nets(space: Workspace) -> Any:
 
 def _strip(space: Workspace, studio: _Studio, pictures: Mapping[str, F32]) -> dict[str, str]:
     """Plate, truth, ours, FLIP and ours with true materials side by side, for the page."""
-    ceiling = pictures.get("full_true")
-    ours = pictures.get("full", ceiling)
-    assert ours is not None
-    path = space.output.root / "pictures" / f"{space.node.arguments['map']}.{space.node.frames[0]:04d}.jpg"
-    write_strip(path, studio.scene.plate.color, ours, ceiling, studio.truth)
+    row = next(name for name in ("full", "full_true") if name in pictures)
+    path = space.output.root / "pictures" / strip_name(space.node.arguments["map"], space.node.frames[0], row)
+    ceiling = pictures["full_true"] if row == "full" else None
+    write_strip(path, studio.scene.plate.color, pictures[row], ceiling, studio.truth)
     return {str(path.relative_to(space.output.root)): file_digest(path)}

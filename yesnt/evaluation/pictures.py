@@ -22,6 +22,11 @@ MATERIAL_PANELS = ("plate", "true roughness", "ours", "standard deviation", "tru
 _QUALITY = 88  # JPEG: 110 strips stay below 5 MB, and no figure is read from them
 
 
+def strip_name(name: str, frame: int, row: str) -> str:
+    """File name of the strip of a map's frame with this row as ours."""
+    return f"{name}.{frame:04d}.{row}.jpg"
+
+
 def write_strip(
     path: Path,
     plate: NDArray[np.floating],

@@ -125,7 +125,7 @@ class EvalPlan:
 
     def search(self, name: str) -> Node:
         """PSNR of candidate constants on one frame."""
-        frame = self._shown(name)
+        frame = self.shown(name)
         grid = {"roughness": SEARCH_ROUGHNESS, "metallic": SEARCH_METALLIC, "stride": SEARCH_STRIDE, **SEARCH_KNOBS}
         inputs = self._picture_files(name, frame)
         arguments = {
@@ -136,8 +136,7 @@ class EvalPlan:
     def given(self, name: str, frame: int) -> Node:
         """The rows that the decomposition has no part in; true materials are kept for the stages' own errors."""
         rows = [row.name for row in self._present(name) if row.given]
-        strip = bool(self.lacking) and frame == self._shown(name)
-        arguments = self._arguments(name, rows, strip=strip, keep=GIVEN_KEPT)
+        arguments = self._arguments(name, rows, strip=frame == self.shown(name), keep=GIVEN_KEPT)
         return self._pictures(f"given.{name}", frame, arguments, [], {})
 
     def judge(self, name: str, frame: int, keys: Keys) -> Node:
@@ -148,7 +147,7 @@ class EvalPlan:
         upstream += [("exact", frame)] if thorough and self.exact_arrays else []
         if not self.lacking:
             upstream += [("decompose", frame), ("solve", frame)]
-        strip = not self.lacking and frame == self._shown(name)
+        strip = not self.lacking and frame == self.shown(name)
         keep = FILMED if self.filmed(name) else ()
         arguments = self._arguments(name, rows, thorough=thorough, strip=strip, keep=keep)
         return self._pictures(f"judge.{name}", frame, arguments, upstream, keys)
@@ -159,7 +158,7 @@ class EvalPlan:
         rows = [row for row in ROWS.values() if row.name not in absent and row.source not in later]
         return [row for row in rows if row.group != "ladder" or name in self.probed]
 
-    def _shown(self, name: str) -> int:
+    def shown(self, name: str) -> int:
         """The frame whose pictures stand on the page."""
         judged = self.judged(name)
         return judged[len(judged) // 2]

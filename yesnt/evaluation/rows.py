@@ -45,6 +45,11 @@ class Row:
         return self.source in ("own", "observed")
 
     @property
+    def thorough(self) -> bool:
+        """Whether every number is measured; the ladder and what no method may know get the quick ones."""
+        return self.group == "table" and self.source != "own_constant"
+
+    @property
     def given(self) -> bool:
         """Whether it is the same whatever the decomposition says, so that new weights leave it as it is."""
         return self.source in ("plate", "true", "blender")

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from yesnt.evaluation.margins import margins
+from yesnt.evaluation.pictures import strip_name
 from yesnt.evaluation.plan import EvalPlan
 from yesnt.evaluation.rows import ROWS, SEPARATIONS, Row
 from yesnt.metrics.definitions import DEFINITIONS
@@ -163,9 +164,9 @@ def _worst(plans: Sequence[EvalPlan], cells: Cells) -> list[dict[str, Any]]:
     found = []
     for plan in plans:
         for name, _ in plan.subject.maps:
-            cell, judged = f"{plan.subject.name} / {name}", plan.judged(name)
+            cell = f"{plan.subject.name} / {name}"
             if cell in cells.get(shown, {}):
-                strip = f"shots/{plan.subject.name}/out/pictures/{name}.{judged[len(judged) // 2]:04d}.jpg"
+                strip = f"shots/{plan.subject.name}/out/pictures/{strip_name(name, plan.shown(name), shown)}"
                 found.append({"cell": cell, "row": shown, "picture": strip, "psnr": cells[shown][cell]["psnr"]})
     return sorted(found, key=lambda one: one["psnr"])
 

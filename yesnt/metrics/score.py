@@ -99,9 +99,9 @@ def score(radiance: NDArray[np.floating], truth: Truth) -> list[Metric]:
     """
     picture = np.asarray(radiance, np.float32)
     scale = channel_scale(picture, truth.radiance, truth.inside).astype(np.float32)
-    plain, aligned = (_basic(p, truth) | _perceptual(p, truth) for p in (picture, picture * scale))
-    found = [named(name, value) for name, value in plain.items()]
-    found += [named(f"{n}_aligned", v) for n, v in aligned.items() if not n.endswith(("_whole", "_matte"))]
+    found = [named(name, value) for name, value in (_basic(picture, truth) | _perceptual(picture, truth)).items()]
+    aligned = _basic(picture * scale, truth) | _perceptual(picture * scale, truth, boxed=False)
+    found += [named(f"{name}_aligned", value) for name, value in aligned.items() if not name.endswith("_whole")]
     part, solid = truth.frame, truth.opacity[truth.frame][..., None]
     error = hdr_flip_map(np.maximum(picture[part], 0) * solid, truth.radiance[part] * solid, truth.exposures)
     return [*found, named("hdr_flip", float(error[truth.inside[part]].mean()))]
@@ -131,9 +131,10 @@ def _basic(radiance: F32, truth: Truth) -> dict[str, float]:
     }
 
 
-def _perceptual(radiance: F32, truth: Truth) -> dict[str, float]:
+def _perceptual(radiance: F32, truth: Truth, boxed: bool = True) -> dict[str, float]:
     display, found = truth.shown(radiance), {}
     for net, (whole, box) in zip(truth.nets, truth.features, strict=True):
         found[net.name] = net.between(net.features(display), whole)
-        found[f"{net.name}_matte"] = net.between(net.features(truth.boxed(display)), box)
+        if boxed:
+            found[f"{net.name}_matte"] = net.between(net.features(truth.boxed(display)), box)
     return found

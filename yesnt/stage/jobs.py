@@ -64,6 +64,7 @@ class StageSet:
         samples: of Cycles, before denoising.
         field: focal length over picture height.
         completes: the set whose shots get Cycles' pictures of their proxy mesh from this one.
+        bounces: numbers of bounces that the truth is also rendered with; variants of a subject go without.
     """
 
     subjects: tuple[str, ...]
@@ -77,6 +78,7 @@ class StageSet:
     samples: int = 32
     field: float = 1.45
     completes: str | None = None
+    bounces: tuple[int, ...] = ()
 
 
 _ANIMATED = ("boxer", "dancer", "fox")
@@ -96,9 +98,12 @@ SETS: Mapping[str, StageSet] = MappingProxyType({
                           CameraPath(10, -0.5, 6), 6),
     "multiview": StageSet(_ANIMATED, (1001, 1024), (CAPTURE,), 256, 384, CameraPath(0, 15, 2, 24), 12, moving=False),
     "heldout": StageSet(_ANIMATED, (1001, 1006), (CAPTURE,), 256, 384, CameraPath(22.5, 60, 12), 6, moving=False),
+    "remains": StageSet(("knot", "drape", "bust", "bust+skin", "bust+hair"), (1001, 1001), (CAPTURE, "city", "sunset"),
+                        192, 192, CameraPath(18, 0, 16), 1, bounces=(0, 1, 2)),
 })  # fmt: skip
 """Every set by name. `heldout` are views of the `multiview` subjects from elsewhere, for the Gaussian stage;
-`reference` needs `objects` and adds the proxy mesh, coloured by the plate, as Cycles relights it."""
+`reference` needs `objects` and adds the proxy mesh, coloured by the plate, as Cycles relights it. `remains` holds what
+the product does not model: SUBJECT+EFFECT is SUBJECT with that effect, and bounces are counted."""
 
 _SMALL = ("vase", "knot")
 """The subset that tests render; it needs nothing fetched but Blender itself."""
@@ -131,11 +136,18 @@ class RenderJob:
     def key(self) -> str:
         """Digest of everything that decides the pixels."""
         stage_set = SETS[self.set_name]
-        document = {
+        document: dict[str, Any] = {
             "version": STAGE_VERSION, "job": asdict(self), "subject": describe(self.subject),
             "path": asdict(stage_set.path), "field": stage_set.field, "moving": stage_set.moving,
         }  # fmt: skip
+        if self.bounces:
+            document["bounces"] = self.bounces
         return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
+
+    @property
+    def bounces(self) -> tuple[int, ...]:
+        """Numbers of bounces that the truth is also rendered with."""
+        return () if "+" in self.subject else SETS[self.set_name].bounces
 
     @property
     def focal(self) -> float:

@@ -112,7 +112,18 @@ def _renders(job: RenderJob, raw: Path, tools: Tools) -> list[dict[str, Any]]:
             {"what": "light", "frame": frame, "env": str(map_path(n, tools)), "out": str(raw / f"{n}.{frame}.exr")}
             for n in job.lights
         ]
+        out += [
+            {"what": "light", "frame": frame, "env": str(map_path(n, tools)), "bounces": bounces,
+             "out": str(raw / f"{_limited(n, bounces)}.{frame}.exr")}
+            for n in job.lights if n != CAPTURE
+            for bounces in job.bounces
+        ]  # fmt: skip
     return out
+
+
+def _limited(light: str, bounces: int) -> str:
+    """Name of the picture under a light whose paths end after so many bounces."""
+    return f"bounces{bounces}_{light}"
 
 
 def _is_whole(path: Path) -> bool:
@@ -159,6 +170,8 @@ def _develop(job: RenderJob, frame: int, raw: Path, folder: Path) -> list[str]:
         made[f"truth/material.{frame}.exr"] = develop.materials(lit)
         if SETS[job.set_name].moving:
             made[f"truth/flow.{frame}.exr"] = develop.flow(points, lit)
+    for name in (_limited(n, bounces) for n in job.lights if n != CAPTURE for bounces in job.bounces):
+        made[f"truth/{name}.{frame}.exr"] = develop.picture(develop.read_passes(raw / f"{name}.{frame}.exr"))
     for name, channels in made.items():
         write_exr(folder / name, channels)
     if CAPTURE not in job.lights:

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from yesnt.io.durable import durable_path
-from yesnt.stage import coats_for_shapes, motions, outfits, shapes, wardrobe
+from yesnt.stage import coats_for_shapes, hair, motions, outfits, shapes, wardrobe
 from yesnt.stage.assets import fetch
-from yesnt.stage.paint import Coat, coat_to_json, fields_of
+from yesnt.stage.paint import Coat, coat_to_json, fields_of, vertex_normals
 from yesnt.stage.pose import Body, skin
 from yesnt.stage.tools import Tools, run_anny
 
@@ -42,6 +42,19 @@ class Human:
         """What it wears."""
         layers: Coat = getattr(outfits, self.coat)()
         return layers
+
+
+@dataclass(frozen=True)
+class Variant(Human):
+    """A person with something that the product does not model.
+
+    Attributes:
+        flesh: share of the skin's light that travels below it.
+        strands: hairs on the head.
+    """
+
+    flesh: float = 0.0
+    strands: int = 0
 
 
 @dataclass(frozen=True)
@@ -103,6 +116,9 @@ SUBJECTS: Mapping[str, Subject] = MappingProxyType({
     "fox": Model("fox", 1.25, (0.0, 0.0, -0.55), "Run", (0.4, 0.75), True, height=1.8, middle=0.36),
     "fox_still": Model("fox", 1.2, (0.0, 0.0, -0.7), "Survey", (0.6, 1.0), True, height=1.25, middle=0.36),
     "athlete": Human(_BOXER, "athlete", "guard", height=2.35, middle=0.98),
+    "bust": Human(_BOXER, "athlete", "guard", height=0.85, middle=1.5),
+    "bust+skin": Variant(_BOXER, "athlete", "guard", height=0.85, middle=1.5, flesh=1.0),
+    "bust+hair": Variant(_BOXER, "athlete", "guard", height=0.85, middle=1.5, strands=9000),
     "courtier": Human(_ELDER, "courtier", "greet", height=2.2),
     "controller_touch": Model("oculus-touch", 1.3, (0.6, 0.0, 0.7)),
     "controller_index": Model("valve-index", 1.3, (0.5, 0.0, -0.6)),
@@ -142,7 +158,8 @@ def prepare(name: str, seconds: Sequence[float], tools: Tools, work: Path) -> di
         arrays = _shape_arrays(subject, coat)
     with durable_path(archive) as temporary, temporary.open("wb") as stream:
         np.savez(stream, **arrays)
-    return {"kind": "mesh", "archive": str(archive), "coat": coat_to_json(coat), "subdivision": 1}
+    made = {"kind": "mesh", "archive": str(archive), "coat": coat_to_json(coat), "subdivision": 1}
+    return {**made, "flesh": subject.flesh} if isinstance(subject, Variant) else made
 
 
 def _human_arrays(human: Human, coat: Coat, seconds: Sequence[float], tools: Tools, work: Path) -> dict[str, Any]:
@@ -150,7 +167,11 @@ def _human_arrays(human: Human, coat: Coat, seconds: Sequence[float], tools: Too
     dressed = wardrobe.dress(body, coat)
     motion: motions.Motion = getattr(motions, human.motion)
     posed = np.stack([skin(body, motion(body, moment), dressed.vertices) for moment in seconds])
-    return _arrays(posed, body.faces, dressed.fields, coat)
+    arrays = _arrays(posed, body.faces, dressed.fields, coat)
+    if isinstance(human, Variant) and human.strands:
+        normals = vertex_normals(posed[0], body.faces)
+        arrays["strands"] = hair.grow(posed[0], body.faces, normals, dressed.fields, human.strands)
+    return arrays
 
 
 def _shape_arrays(shape: Shape, coat: Coat) -> dict[str, Any]:

@@ -116,8 +116,33 @@ def projected_material(picture: str, roughness: float) -> Any:
     return material
 
 
-def coat_material(layers: list[dict[str, Any]]) -> Any:
-    """One material for a whole coat: each layer covers those before it where its fields say so."""
+_FLESH = ("skin", "lips")
+_MEAN_FREE_PATH = (3.67, 1.37, 0.68)  # millimetres in red, green, blue: skin of Jensen et al. 2001
+
+
+def hair_material() -> Any:
+    """Dark brown hair, its colour and roughness in the truth's outputs."""
+    material = bpy.data.materials.new("hair")
+    material.use_nodes = True
+    nodes = Nodes(material.node_tree)
+    out = next(n for n in material.node_tree.nodes if n.type == "OUTPUT_MATERIAL")
+    shader = nodes.node("ShaderNodeBsdfHairPrincipled", parametrization="COLOR")
+    shader.inputs["Color"].default_value = (0.10, 0.045, 0.02, 1.0)
+    nodes.feed(out.inputs["Surface"], shader.outputs[0])
+    for name, kind in AOVS:
+        made = nodes.node("ShaderNodeOutputAOV", aov_name=name)
+        value = {"base_color": (0.10, 0.045, 0.02, 1.0), "roughness": 0.3, "metallic": 0.0}[name]
+        made.inputs["Color" if kind == "COLOR" else "Value"].default_value = value
+    return material
+
+
+def coat_material(layers: list[dict[str, Any]], flesh: float = 0.0) -> Any:
+    """One material for a whole coat: each layer covers those before it where its fields say so.
+
+    Args:
+        layers: from the skin outwards.
+        flesh: share of the skin's light that travels below it; 0: none, as everywhere in the evaluated sets.
+    """
     material = bpy.data.materials.new("coat")
     material.use_nodes = True
     nodes = Nodes(material.node_tree)
@@ -131,7 +156,19 @@ def coat_material(layers: list[dict[str, Any]]) -> Any:
     for name, value in zip(("Base Color", "Roughness", "Metallic"), (color, roughness, metallic), strict=True):
         nodes.feed(shader.inputs[name], value)
     truth_outputs(material.node_tree, shader)
+    if flesh:
+        _soften(nodes, shader, layers, flesh)
     return material
+
+
+def _soften(nodes: Nodes, shader: Any, layers: list[dict[str, Any]], flesh: float) -> None:
+    """Lets light travel below bare skin."""
+    weight: Any = 0.0
+    for layer in layers:
+        weight = nodes.mix(_mask(nodes, layer["where"]), weight, flesh if layer["name"] in _FLESH else 0.0, "FLOAT")
+    nodes.feed(shader.inputs["Subsurface Weight"], weight)
+    shader.inputs["Subsurface Radius"].default_value = _MEAN_FREE_PATH
+    shader.inputs["Subsurface Scale"].default_value = 0.001
 
 
 def _mask(nodes: Nodes, where: list[dict[str, Any]]) -> Any:

@@ -92,6 +92,16 @@ def _light(path: str) -> None:
     tree.links.new(background.outputs["Background"], out.inputs["Surface"])
 
 
+def _bounces(number: int | None) -> None:
+    """Ends paths after so many bounces; None: Cycles' own defaults."""
+    cycles = bpy.context.scene.cycles
+    for name in ("max_bounces", "diffuse_bounces", "glossy_bounces"):
+        if number is None:
+            cycles.property_unset(name)
+        else:
+            setattr(cycles, name, number)
+
+
 def _render(out: str, samples: int, filter_width: float, denoise: bool) -> None:
     scene = bpy.context.scene
     scene.cycles.samples, scene.cycles.use_denoising = samples, denoise
@@ -104,6 +114,7 @@ def _render(out: str, samples: int, filter_width: float, denoise: bool) -> None:
 
 def _render_light(render: dict[str, Any], request: dict[str, Any], meshes: list[Any]) -> None:
     _light(render["env"])
+    _bounces(render.get("bounces"))
     _render(render["out"], request["samples"], _FILM_FILTER_WIDTH, request["samples"] > 1)
 
 

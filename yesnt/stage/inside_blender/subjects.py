@@ -10,6 +10,8 @@ import bpy
 import coats  # type: ignore[import-not-found]
 import numpy as np
 
+_HAIR_RADIUS = 0.0004  # metres: thicker than a hair, since there are fewer
+
 
 def add_subject(subject: dict[str, Any], frames: list[dict[str, Any]]) -> list[Any]:
     """Adds what the request describes; returns its mesh objects."""
@@ -36,13 +38,14 @@ def _add_archive(subject: dict[str, Any], frames: list[dict[str, Any]]) -> list[
     with np.load(subject["archive"]) as data:
         shapes, faces, rest = data["vertices"], data["faces"], data["rest"]
         fields = {name.removeprefix("field_"): data[name] for name in data.files if name.startswith("field_")}
+        strands = data["strands"] if "strands" in data.files else None
     mesh = bpy.data.meshes.new("subject")
     mesh.from_pydata(shapes[0].tolist(), [], faces.tolist())
     mesh.shade_smooth()
     _attribute(mesh, "rest", "FLOAT_VECTOR", "vector", rest)
     for name, values in fields.items():
         _attribute(mesh, f"field_{name}", "FLOAT", "value", values)
-    mesh.materials.append(coats.coat_material(subject["coat"]))
+    mesh.materials.append(coats.coat_material(subject["coat"], subject.get("flesh", 0.0)))
     thing = bpy.data.objects.new("subject", mesh)
     bpy.context.scene.collection.objects.link(thing)
     if len(shapes) > 1:
@@ -50,7 +53,20 @@ def _add_archive(subject: dict[str, Any], frames: list[dict[str, Any]]) -> list[
     if subject["subdivision"]:
         smooth = thing.modifiers.new("smooth", "SUBSURF")
         smooth.levels = smooth.render_levels = subject["subdivision"]
+    if strands is not None:
+        _add_hair(strands)
     return [thing]
+
+
+def _add_hair(strands: Any) -> None:
+    """Curves [N, K, 3] in world metres; they are no part of the proxy."""
+    curves = bpy.data.hair_curves.new("hair")
+    curves.add_curves([strands.shape[1]] * len(strands))
+    curves.attributes["position"].data.foreach_set("vector", np.ascontiguousarray(strands, np.float32).ravel())
+    radius = curves.attributes.get("radius") or curves.attributes.new("radius", "FLOAT", "POINT")
+    radius.data.foreach_set("value", np.full(strands.shape[0] * strands.shape[1], _HAIR_RADIUS, np.float32))
+    curves.materials.append(coats.hair_material())
+    bpy.context.scene.collection.objects.link(bpy.data.objects.new("hair", curves))
 
 
 def _attribute(mesh: Any, name: str, kind: str, slot: str, values: Any) -> None:

@@ -44,6 +44,8 @@ def _nodes(plan: EvalPlan) -> Iterator[Node]:
     # Frame by frame and then map by map: a frame's scene stays in its worker.
     for frame in plan.frames:
         yield from (add(plan.given(name, frame)) for name in names if frame in plan.judged(name))
+        proxies = (n for n in names if frame in plan.judged(n) and "blender_proxy" not in plan.absent(n))
+        yield from (add(plan.reference(name, frame)) for name in proxies)
         filmed = (name for name in names if plan.filmed(name) or frame in plan.judged(name))
         yield from (add(plan.judge(name, frame, keys)) for name in filmed)
     yield from (add(plan.film(name, keys)) for name in names if plan.filmed(name))

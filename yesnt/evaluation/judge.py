@@ -89,8 +89,8 @@ class _Studio:
 
     def given(self) -> dict[str, F32]:
         """The pictures that the node of the given rows has kept for this one."""
-        stage = f"given.{self._map}"
-        if self._space.node.stage == stage or not self._space.node.arguments["thorough"]:
+        node, stage = self._space.node, f"given.{self._map}"
+        if not node.stage.startswith("judge.") or not node.arguments["thorough"]:
             return {}
         read = {row: self._space.read(stage, f"relit.{self._map}.{row}", self._frame) for row in GIVEN_KEPT}
         return {row: picture.transpose(1, 2, 0) for row, picture in read.items()}

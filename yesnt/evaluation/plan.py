@@ -15,7 +15,7 @@ from yesnt import settings as of
 from yesnt.evaluation.judge import FILMED, GIVEN_KEPT, SEARCH_METALLIC, SEARCH_ROUGHNESS, SEARCH_STRIDE
 from yesnt.evaluation.nets import stlpips_weights
 from yesnt.evaluation.rows import EXACT_ARRAYS, ROWS, Row
-from yesnt.evaluation.subjects import PROXY, Subject, common_frames
+from yesnt.evaluation.subjects import PROXY, RELIT, Subject, common_frames
 from yesnt.graph import Node, NodeId
 from yesnt.io.capture import file_digest
 from yesnt.io.records import key_of
@@ -135,9 +135,14 @@ class EvalPlan:
 
     def given(self, name: str, frame: int) -> Node:
         """The rows that the decomposition has no part in; true materials are kept for the stages' own errors."""
-        rows = [row.name for row in self._present(name) if row.given]
+        rows = [row.name for row in self._present(name) if row.given and row.source != "blender"]
         arguments = self._arguments(name, rows, strip=frame == self.shown(name), keep=GIVEN_KEPT)
         return self._pictures(f"given.{name}", frame, arguments, [], {})
+
+    def reference(self, name: str, frame: int) -> Node:
+        """Blender's own row, apart from the others since it is rendered last."""
+        arguments = self._arguments(name, [row.name for row in self._present(name) if row.source == "blender"])
+        return self._pictures(f"reference.{name}", frame, arguments, [], {}, PROXY)
 
     def judge(self, name: str, frame: int, keys: Keys) -> Node:
         """The rows that the decomposition has a part in, or on frames between only those of the film."""
@@ -183,15 +188,20 @@ class EvalPlan:
         )
 
     def _pictures(
-        self, stage: str, frame: int, arguments: dict[str, Any], upstream: list[tuple[str, int]], keys: Keys
+        self,
+        stage: str,
+        frame: int,
+        arguments: dict[str, Any],
+        upstream: list[tuple[str, int]],
+        keys: Keys,
+        judged: str = RELIT,
     ) -> Node:
         told = {k: list(v) if isinstance(v, tuple) else v for k, v in arguments.items() if k != "lpips"}
         arguments = {**arguments, "shot": self._shot_digest(frame)}
         settings = self._relighting() | {"told": told, "nets": self._nets()}
         inputs = self._picture_files(arguments["map"], frame)
-        proxy = self.subject.relit_path(arguments["map"], frame, PROXY)
-        if proxy.is_file():
-            inputs["blender proxy"] = _digest(proxy)
+        if judged == PROXY:
+            inputs["blender proxy"] = _digest(self.subject.relit_path(arguments["map"], frame, PROXY))
         return self._node(stage, (frame,), settings, inputs, upstream, keys, arguments)
 
     def _nets(self) -> dict[str, str]:

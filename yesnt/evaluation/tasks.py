@@ -14,8 +14,8 @@ from yesnt.tasks import run_node
 from yesnt.workspace import Workspace
 
 TASKS: dict[str, Callable[[Workspace], None]] = {
-    "exact": exact, "material": material, "search": search, "given": judge, "judge": judge, "flat": judge,
-    "film": film,
+    "exact": exact, "material": material, "search": search, "given": judge, "reference": judge, "judge": judge,
+    "flat": judge, "film": film,
 }  # fmt: skip
 """The evaluation's stages; `judge.MAP` is the stage `judge` of one map."""
 

@@ -48,4 +48,5 @@ def _nodes(plan: EvalPlan) -> Iterator[Node]:
         yield from (add(plan.reference(name, frame)) for name in proxies)
         filmed = (name for name in names if plan.filmed(name) or frame in plan.judged(name))
         yield from (add(plan.judge(name, frame, keys)) for name in filmed)
+    yield from (add(plan.bounces(name)) for name in names if plan.early(name))
     yield from (add(plan.film(name, keys)) for name in names if plan.filmed(name))

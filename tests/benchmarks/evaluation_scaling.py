@@ -1,10 +1,12 @@
-"""Seconds per frame and peak memory of each stage against resolution, and of a run against its length.
+"""Processor seconds per frame and peak memory of each stage against resolution, and of a run against its length.
 
 python tests/benchmarks/evaluation_scaling.py [--sizes 480x270,960x540] [--lengths 16,64] [--quality draft] [--out DIR]
 
 Every figure comes from a process of its own, pinned to one thread, on a made-up scene: a sphere that covers 23 % of the
 picture, an 8,000-triangle proxy, two 512x256 maps. Kernels run twice and the second time counts, so that compiling does
-not. Writes scaling.json and scaling.svg; the defaults go to 3840x2160 and 256 frames and take about an hour.
+not. Seconds are processor time, so that other work on the machine counts little. Writes scaling.json and scaling.svg
+after every figure and keeps what it finds there, so it may be stopped; the defaults go to 3840x2160 and 256 frames and
+take about an hour.
 """
 
 from __future__ import annotations
@@ -166,16 +168,16 @@ def measure(what, argument, quality):
     """In a child process: prints seconds per frame and peak memory."""
     if what == "run":
         with tempfile.TemporaryDirectory() as folder:
-            start = time.perf_counter()
+            start = time.process_time()
             run(int(argument), Path(folder))
-            seconds = (time.perf_counter() - start) / int(argument)
+            seconds = (time.process_time() - start) / int(argument)
     else:
         width, height = map(int, argument.split("x"))
         work, frames = globals()[what](width, height, quality)
         for _ in range(2 if width < 3000 else 1):  # at 4K compiling is lost in the work
-            start = time.perf_counter()
+            start = time.process_time()
             work()
-            seconds = (time.perf_counter() - start) / frames
+            seconds = (time.process_time() - start) / frames
     print(json.dumps({"seconds": seconds, "peak_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024}))
 
 
@@ -228,7 +230,7 @@ def draw(path, found):
         }
         for key, scale in (("seconds", 1), ("peak_bytes", 1e9))
     }  # fmt: skip
-    panels = [plot("Seconds per frame", "megapixels; one core", curves["seconds"])]
+    panels = [plot("Processor seconds per frame", "megapixels; one core", curves["seconds"])]
     panels.append(plot("Peak memory of a task, GB", "megapixels", curves["peak_bytes"]))
     if found["lengths"]:
         line = [(int(n), v["peak_bytes"] / 1e9) for n, v in found["lengths"].items()]
@@ -249,18 +251,24 @@ def main():
     if options.measure:
         measure(*options.measure, options.quality)
         return
-    options.out.mkdir(parents=True, exist_ok=True)
-    found = {"quality": options.quality, "stages": {stage: {} for stage in STAGES}, "lengths": {}}
-    for size in filter(None, options.sizes.split(",")):
-        for stage in STAGES:
-            if (one := child(stage, size, options.quality)) is not None:
-                found["stages"][stage][size] = one
-    for length in filter(None, options.lengths.split(",")):
-        if (one := child("run", length, options.quality)) is not None:
-            found["lengths"][length] = one
-    (options.out / "scaling.json").write_text(json.dumps(found, indent=1))
-    draw(options.out / "scaling.svg", found)
+    sizes, lengths = (tuple(filter(None, text.split(","))) for text in (options.sizes, options.lengths))
+    for what, argument in [(stage, size) for size in sizes for stage in STAGES] + [("run", n) for n in lengths]:
+        found = known(options)
+        place = found["lengths"] if what == "run" else found["stages"][what]
+        if argument not in place and (one := child(what, argument, options.quality)) is not None:
+            place[argument] = one
+            (options.out / "scaling.json").write_text(json.dumps(found, indent=1))
+            draw(options.out / "scaling.svg", found)
     print(f"Written: {options.out}/scaling.json and scaling.svg")
+
+
+def known(options):
+    """What was measured before at this quality."""
+    options.out.mkdir(parents=True, exist_ok=True)
+    path = options.out / "scaling.json"
+    found = json.loads(path.read_text()) if path.is_file() else {}
+    empty = {"quality": options.quality, "stages": {stage: {} for stage in STAGES}, "lengths": {}}
+    return found if found.get("quality") == options.quality else empty
 
 
 if __name__ == "__main__":

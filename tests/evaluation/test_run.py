@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.evaluation.conftest import rgb
+from tests.evaluation.conftest import rgb, write_shot
 from yesnt.errors import UsageError
 from yesnt.evaluation.rows import ROWS
 from yesnt.evaluation.run import EvalOptions, run_evaluation
@@ -188,3 +188,36 @@ def _fresh(call, shot, output, listen):
 
     plan._digest.cache_clear()
     return call(shot, output, HERE, listen)
+
+
+def test_what_remains_is_read_from_truths_that_end_early_and_from_variants(shot, tmp_path):
+    for name in ("dusk", "noon"):
+        picture = read_image(shot / f"truth/relit_{name}.1001.exr").stack("RGBA")
+        for number, light in ((0, 0.8), (1, 1.0)):
+            path = shot / "truth" / f"bounces{number}_{name}.1001.exr"
+            write_exr(path, {**rgb(picture[..., :3] * light), "A": picture[..., 3]})
+    write_shot(shot.parent / "ball+dust")
+    options = EvalOptions(thorough=1, probes=1, workers=0)
+    (tmp_path / "scaling").mkdir()
+    (tmp_path / "scaling" / "scaling.json").write_text(
+        json.dumps({"quality": "draft", "stages": {"flow": {"8x4": {"seconds": 2, "peak_bytes": 3e9}}}, "lengths": {}})
+    )
+    result = run_evaluation(shot.parent, tmp_path / "remains", options)
+    lines = {line["effect"]: line for line in result.document["remains"]}
+    assert lines["light after bounce 1"]["rmse"] == 0
+    assert lines["light after bounce 0"]["rmse"] > 0.01
+    assert lines["light after bounce 0"]["with"] < lines["light after bounce 0"]["without"]
+    assert lines["dust"]["rmse"] == lines["dust"]["share"] == 0  # the same shot under another name
+    assert lines["dust"]["n"] == 2
+    page = result.page.read_text()
+    assert "What remains" in page
+    assert "2.00 s / 3.00 GB" in page
+
+
+def test_another_page_shows_what_was_measured_beside_it(tmp_path):
+    from yesnt.evaluation.run import measured_elsewhere
+
+    (tmp_path / "remains").mkdir()
+    (tmp_path / "remains" / "evaluation.json").write_text(json.dumps({"remains": [{"effect": "hair"}]}))
+    assert measured_elsewhere(tmp_path / "objects") == {"remains": [{"effect": "hair"}]}
+    assert measured_elsewhere(tmp_path / "elsewhere" / "objects") == {}

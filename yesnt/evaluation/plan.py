@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
@@ -143,6 +143,17 @@ class EvalPlan:
         """Blender's own row, apart from the others since it is rendered last."""
         arguments = self._arguments(name, [row.name for row in self._present(name) if row.source == "blender"])
         return self._pictures(f"reference.{name}", frame, arguments, [], {}, PROXY)
+
+    def early(self, name: str) -> dict[int, Path]:
+        """Truths of a map whose light paths end after so many bounces."""
+        return self.subject.early_paths(name, self.shown(name))
+
+    def bounces(self, name: str) -> Node:
+        """What each further bounce is worth."""
+        arguments = self._arguments(name, [])
+        told = {f"bounces {number}": _digest(path) for number, path in self.early(name).items()}
+        node = self._pictures(f"bounces.{name}", self.shown(name), arguments, [], {})
+        return replace(node, fields={**node.fields, "truths": told})
 
     def judge(self, name: str, frame: int, keys: Keys) -> Node:
         """The rows that the decomposition has a part in, or on frames between only those of the film."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
@@ -110,12 +111,24 @@ def run_evaluation(
         for plan in plans:
             drive(plan, constants_graph(plan, constants[plan.subject.name]))
     document = summarise(plans, constants)
+    document |= measured_elsewhere(output)
     document |= {"folder": str(folder), "seconds": time.time() - started}
     result = EvalResult(document, output, drive.failed)
     write_json(result.json, document)
     write_bytes(result.markdown, as_markdown(document).encode())
     write_page(result.page, document, output)
     return result
+
+
+def measured_elsewhere(output: Path) -> dict[str, Any]:
+    """What other commands left beside this evaluation's folder: `remains/evaluation.json`, `scaling/scaling.json`."""
+    remains, scaling = output.parent / "remains" / "evaluation.json", output.parent / "scaling" / "scaling.json"
+    found: dict[str, Any] = {}
+    if remains.is_file():
+        found["remains"] = json.loads(remains.read_text())["remains"]
+    if scaling.is_file():
+        found["scaling"] = json.loads(scaling.read_text())
+    return found
 
 
 def open_plan(subject: Subject, output: Path, options: EvalOptions) -> EvalPlan:

@@ -16,8 +16,8 @@ from yesnt.io.jobfile import frame_path, frames_on_disk
 
 F32 = NDArray[np.float32]
 
-TRUTH, RELIT, PROXY = "truth", "relit_", "proxy_"
-"""Folder of the truth, and prefixes of what Blender relit: the subject itself, and its proxy mesh."""
+TRUTH, RELIT, PROXY, EARLY = "truth", "relit_", "proxy_", "bounces"
+"""Folder of the truth, and prefixes of what Blender relit: subject, its proxy mesh, subject with few bounces."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +49,16 @@ class Subject:
     def relit_path(self, name: str, frame: int, prefix: str = RELIT) -> Path:
         """Blender's picture of a frame under a map."""
         return frame_path(self.folder / TRUTH, f"{prefix}{name}.####.exr", frame)
+
+    def early_paths(self, name: str, frame: int) -> dict[int, Path]:
+        """Blender's pictures whose light paths end after so many bounces, by that number."""
+        found = {}
+        for path in sorted((self.folder / TRUTH).glob(f"{EARLY}*_{name}.*.exr")):
+            number = path.name[len(EARLY) :].partition("_")[0]
+            prefix = f"{EARLY}{number}_"
+            if number.isdigit() and path == self.relit_path(name, frame, prefix):
+                found[int(number)] = path
+        return found
 
     def material_path(self, frame: int) -> Path:
         """The true material of a frame."""

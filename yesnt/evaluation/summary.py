@@ -11,6 +11,7 @@ import numpy as np
 from yesnt.evaluation.margins import margins
 from yesnt.evaluation.pictures import strip_name
 from yesnt.evaluation.plan import EvalPlan
+from yesnt.evaluation.remains import remains
 from yesnt.evaluation.rows import ROWS, SEPARATIONS, Row
 from yesnt.metrics.definitions import DEFINITIONS
 from yesnt.metrics.image import decibels
@@ -34,6 +35,7 @@ def summarise(plans: Sequence[EvalPlan], constants: Mapping[str, Mapping[str, tu
         "definitions": {name: definition.text for name, definition in DEFINITIONS.items()},
     }
     document["margins"] = margins(document)
+    document["remains"] = remains(plans, cells)
     return _finite(document)
 
 

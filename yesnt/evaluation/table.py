@@ -55,6 +55,8 @@ def tables(document: Mapping[str, Any]) -> tuple[Table, ...]:
             _film(document),
             _materials(document),
             _flow(document),
+            _remains(document),
+            _scaling(document),
         )
         if table.lines
     )
@@ -206,3 +208,46 @@ def _flow(document: Mapping[str, Any]) -> Table:
     lines = [("our flow", *(number(m, numbers.get(m)) for m in FLOW))] if numbers else []
     seen = "A point is truly seen if the next frame has the same depth (to 3 %) and coverage where true flow leads"
     return Table("Flow, mean ± std over shots", ("", *_titles(FLOW)), tuple(lines), (*_notes(FLOW), seen))
+
+
+def _remains(document: Mapping[str, Any]) -> Table:
+    found = document.get("remains") or []
+    lines = [
+        (
+            one["effect"],
+            *(f"{one[key]:.4f}" for key in ("rmse", "with", "without")),
+            "-" if one["share"] is None else f"{100 * one['share']:.0f} %",
+            str(one["n"]),
+        )
+        for one in found
+    ]
+    head = (
+        "effect",
+        "RMSE of the effect",
+        "ours, truth with it",
+        "ours, truth without it",
+        "share of the error",
+        "pairs",
+    )
+    notes = dict.fromkeys(one["definition"] for one in found)
+    share = "Share: of ours' mean squared error that would go with the effect (for bounces at most). Display values"
+    return Table("What remains", head, tuple(lines), (*notes, share))
+
+
+def _scaling(document: Mapping[str, Any]) -> Table:
+    """What tests/benchmarks/evaluation_scaling.py has measured."""
+    found = document.get("scaling") or {"stages": {}, "lengths": {}}
+    sizes = dict.fromkeys(size for stage in found["stages"].values() for size in stage)
+    lines = [
+        (stage, *(_cost(measured.get(size)) for size in sizes)) for stage, measured in found["stages"].items() if sizes
+    ]
+    lengths = "; ".join(f"{n} frames {_cost(one)}" for n, one in found["lengths"].items())
+    notes = (
+        "Processor seconds a frame on one core / peak memory in GB of a process that runs the stage alone",
+        f"Materials read, flow and chunked solve of a whole shot at 240x135: {lengths or 'not measured'}",
+    )
+    return Table("Time and memory", ("stage", *sizes), tuple(lines), notes)
+
+
+def _cost(one: Mapping[str, float] | None) -> str:
+    return "-" if one is None else f"{one['seconds']:.2f} s / {one['peak_bytes'] / 1e9:.2f} GB"

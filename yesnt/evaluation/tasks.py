@@ -8,6 +8,7 @@ from typing import Any
 from yesnt.cluster import pin_threads
 from yesnt.evaluation.film import exact, film, material
 from yesnt.evaluation.judge import judge, search
+from yesnt.evaluation.remains import bounces
 from yesnt.graph import Node
 from yesnt.shot import Job
 from yesnt.tasks import run_node
@@ -15,7 +16,7 @@ from yesnt.workspace import Workspace
 
 TASKS: dict[str, Callable[[Workspace], None]] = {
     "exact": exact, "material": material, "search": search, "given": judge, "reference": judge, "judge": judge,
-    "flat": judge, "film": film,
+    "flat": judge, "film": film, "bounces": bounces,
 }  # fmt: skip
 """The evaluation's stages; `judge.MAP` is the stage `judge` of one map."""
 

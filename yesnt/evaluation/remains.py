@@ -1,0 +1,110 @@
+"""What the product does not model, and how much of the error it is: further bounces, and variants of a subject."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from yesnt.color import srgb_encode
+from yesnt.evaluation.plan import EvalPlan
+from yesnt.evaluation.rows import ROWS, Row
+from yesnt.evaluation.scene import SceneKey, open_scene
+from yesnt.metrics.image import mean_squared_error
+from yesnt.metrics.score import Truth
+from yesnt.workspace import Workspace
+
+VARIANT = "+"
+"""Between a subject and an effect in the name of a shot: `bust+hair` is `bust` with hair."""
+
+
+def bounces(space: Workspace) -> None:
+    """Squared display errors of truths that end early, and of ours with as many bounces, against the whole truth."""
+    arguments, frame = space.node.arguments, space.node.frames[0]
+    subject, name = arguments["subject"], arguments["map"]
+    scene = open_scene(SceneKey(arguments["shot"], frame, 1, space.job))
+    radiance, opacity = subject.read_relit(name, frame)
+    truth = Truth.of(radiance, opacity, scene.plate.matte)
+    material, whole = subject.read_material(frame, scene.plate.matte), srgb_encode(truth.radiance)
+    facts = {}
+    with space.kernel():
+        for number in subject.early_paths(name, frame):
+            early = subject.read_relit(name, frame, f"bounces{number}_")[0]
+            row = _with_bounces(number)
+            ours = scene.relit(row, material.planes, subject.env_path(name))
+            facts[str(number)] = {
+                "effect": mean_squared_error(srgb_encode(early), whole, truth.inside),
+                "ours": mean_squared_error(srgb_encode(ours), whole, truth.inside),
+                "ours_alike": mean_squared_error(srgb_encode(ours), srgb_encode(early), truth.inside),
+            }
+    space.commit(frame, {}, facts={"bounces": facts})
+
+
+def _with_bounces(number: int) -> Row:
+    return replace(ROWS["full_true"], knobs={"bounce": number})
+
+
+def remains(plans: Sequence[EvalPlan], cells: Mapping[str, Mapping[str, Mapping[str, float]]]) -> list[dict[str, Any]]:
+    """One line an effect: RMSE of the effect itself, and of ours where the truth has it and where it has not."""
+    lines = list(_bounce_lines(plans))
+    names = {plan.subject.name: plan for plan in plans}
+    effects = sorted({name.split(VARIANT)[1] for name in names if VARIANT in name})
+    return lines + [line for effect in effects if (line := _variant_line(effect, names, cells))]
+
+
+def _bounce_lines(plans: Sequence[EvalPlan]) -> Iterator[dict[str, Any]]:
+    facts = [
+        record.facts["bounces"]
+        for plan in plans
+        for name, _ in plan.subject.maps
+        if (record := plan.session.book.find(f"bounces.{name}", plan.shown(name))) is not None
+    ]
+    for number in sorted({int(n) for one in facts for n in one}):
+        mean = {k: float(np.mean([one[str(number)][k] for one in facts if str(number) in one])) for k in _KINDS}
+        yield {
+            "effect": f"light after bounce {number}", "definition": "Cycles with paths cut there against all of them; "
+            "ours with as many bounces and true materials, against all of them and against the cut ones",
+            "rmse": _root(mean["effect"]), "with": _root(mean["ours"]), "without": _root(mean["ours_alike"]),
+            "share": mean["effect"] / mean["ours"] if mean["ours"] else None, "n": len(facts),
+        }  # fmt: skip
+
+
+_KINDS = ("effect", "ours", "ours_alike")
+
+
+def _variant_line(
+    effect: str, plans: Mapping[str, EvalPlan], cells: Mapping[str, Mapping[str, Mapping[str, float]]]
+) -> dict[str, Any] | None:
+    scored = cells.get("full_true", {})
+    pairs = [
+        (plan, plans[base], name)
+        for shot, plan in plans.items()
+        if (base := shot.partition(VARIANT)[0]) in plans and shot.endswith(VARIANT + effect)
+        for name, _ in plan.subject.maps
+        if f"{shot} / {name}" in scored and f"{base} / {name}" in scored
+    ]
+    if not pairs:
+        return None
+    errors = np.mean([[_difference(a, b, n), *(_error(scored, p, n) for p in (a, b))] for a, b, n in pairs], axis=0)
+    return {
+        "effect": effect, "definition": "Cycles with the effect against without it, inside both mattes; ours with true "
+        "materials where the truth has the effect, and where it has not",
+        "rmse": _root(errors[0]), "with": _root(errors[1]), "without": _root(errors[2]),
+        "share": float((errors[1] - errors[2]) / errors[1]), "n": len(pairs),
+    }  # fmt: skip
+
+
+def _difference(one: EvalPlan, other: EvalPlan, name: str) -> float:
+    """Mean squared display difference of two truths inside both mattes."""
+    (a, a_cover), (b, b_cover) = (plan.subject.read_relit(name, plan.shown(name)) for plan in (one, other))
+    return mean_squared_error(srgb_encode(a), srgb_encode(b), np.minimum(a_cover, b_cover) > 0.99)
+
+
+def _error(scored: Mapping[str, Mapping[str, float]], plan: EvalPlan, name: str) -> float:
+    return float(10 ** (-scored[f"{plan.subject.name} / {name}"]["psnr"] / 10))
+
+
+def _root(value: float) -> float:
+    return float(np.sqrt(value))

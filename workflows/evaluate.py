@@ -14,8 +14,14 @@ if TYPE_CHECKING:
 
 
 def evaluation_graph(plan: EvalPlan) -> Graph:
-    """All nodes of a shot but those of the constants, needs first."""
-    return Graph(_nodes(plan))
+    """All nodes of a shot but those of the constants and of the ladder with own materials, needs first."""
+    return Graph(node for node in _nodes(plan) if not node.stage.startswith("steps."))
+
+
+def ladder_graph(plan: EvalPlan) -> Graph:
+    """The ladder with own materials, which comes after all shots have their main rows, and what it needs."""
+    graph = Graph(_nodes(plan))
+    return graph.closure([node.id for node in graph if node.stage.startswith("steps.")])
 
 
 def constants_graph(plan: EvalPlan, constants: Mapping[str, tuple[float, float]]) -> Graph:
@@ -48,5 +54,8 @@ def _nodes(plan: EvalPlan) -> Iterator[Node]:
         yield from (add(plan.reference(name, frame)) for name in proxies)
         filmed = (name for name in names if plan.filmed(name) or frame in plan.judged(name))
         yield from (add(plan.judge(name, frame, keys)) for name in filmed)
+    if not plan.lacking:
+        climbed = [(name, frame) for name in plan.probed for frame in plan.judged(name)]
+        yield from (add(plan.steps(name, frame, keys)) for name, frame in climbed)
     yield from (add(plan.bounces(name)) for name in names if plan.early(name))
     yield from (add(plan.film(name, keys)) for name in names if plan.filmed(name))

@@ -158,7 +158,8 @@ class EvalPlan:
     def judge(self, name: str, frame: int, keys: Keys) -> Node:
         """The rows that the decomposition has a part in, or on frames between only those of the film."""
         thorough = frame in self.judged(name)
-        rows = [row.name for row in self._present(name) if not row.given and (thorough or row.name in FILMED)]
+        own = [row for row in self._present(name) if not row.given and row.group != "ladder"]
+        rows = [row.name for row in own if thorough or row.name in FILMED]
         upstream = [(f"given.{name}", frame)] if thorough else []
         upstream += [("exact", frame)] if thorough and self.exact_arrays else []
         if not self.lacking:
@@ -167,6 +168,11 @@ class EvalPlan:
         keep = FILMED if self.filmed(name) else ()
         arguments = self._arguments(name, rows, thorough=thorough, strip=strip, keep=keep)
         return self._pictures(f"judge.{name}", frame, arguments, upstream, keys)
+
+    def steps(self, name: str, frame: int, keys: Keys) -> Node:
+        """The ladder with own materials, which costs more than all else and is wanted last."""
+        rows = [row.name for row in self._present(name) if not row.given and row.group == "ladder"]
+        return self._pictures(f"steps.{name}", frame, self._arguments(name, rows), [("solve", frame)], keys)
 
     def _present(self, name: str) -> list[Row]:
         """Rows that can be had under a map, but for the constants, which are known later."""

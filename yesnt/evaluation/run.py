@@ -28,7 +28,7 @@ from yesnt.io.jobfile import load_shot
 from yesnt.io.store import FrameStore
 from yesnt.session import Session
 from yesnt.shot import Shot
-from yesnt.workflows.evaluate import constants_graph, evaluation_graph
+from yesnt.workflows.evaluate import constants_graph, evaluation_graph, ladder_graph
 
 Listener = Callable[[Mapping[str, Any]], None]
 
@@ -110,6 +110,8 @@ def run_evaluation(
         constants = best_constants(plans)
         for plan in plans:
             drive(plan, constants_graph(plan, constants[plan.subject.name]))
+        for plan in plans:
+            drive(plan, ladder_graph(plan))
     document = summarise(plans, constants)
     document |= measured_elsewhere(output)
     document |= {"folder": str(folder), "seconds": time.time() - started}

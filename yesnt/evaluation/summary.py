@@ -53,7 +53,7 @@ def _cells(plans: Sequence[EvalPlan]) -> Cells:
     for plan in plans:
         for name, _ in plan.subject.maps:
             rows: dict[str, list[Mapping[str, float]]] = {}
-            for facts in _facts(plan, name, ("given", "reference", "judge", "flat")):
+            for facts in _facts(plan, name, ("given", "reference", "judge", "steps", "flat")):
                 for row, numbers in facts["rows"].items():
                     rows.setdefault(row, []).extend([numbers] if numbers else [])
             for row, frames in rows.items():

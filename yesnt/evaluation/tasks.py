@@ -16,7 +16,7 @@ from yesnt.workspace import Workspace
 
 TASKS: dict[str, Callable[[Workspace], None]] = {
     "exact": exact, "material": material, "search": search, "given": judge, "reference": judge, "judge": judge,
-    "flat": judge, "film": film, "bounces": bounces,
+    "flat": judge, "film": film, "bounces": bounces, "steps": judge,
 }  # fmt: skip
 """The evaluation's stages; `judge.MAP` is the stage `judge` of one map."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -13,3 +14,21 @@ from tests.tiny_shot import write_tiny_shot
 def tiny_shot(tmp_path: Path) -> Path:
     """Job file of a 4-frame shot of a moving sphere, materials given as passes."""
     return write_tiny_shot(tmp_path / "shot")
+
+
+@pytest.fixture(scope="session")
+def tiny_stable_diffusion() -> Callable:
+    """Builds random parts; a test saves them in the layout of its checkpoint."""
+    pytest.importorskip("diffusers")
+    from tests.tiny_checkpoints import tiny_stable_diffusion
+
+    return tiny_stable_diffusion
+
+
+@pytest.fixture(scope="session")
+def tiny_diffusion_renderer() -> Callable:
+    """Builds the checkpoint in a folder."""
+    pytest.importorskip("diffusers")
+    from tests.tiny_checkpoints import tiny_diffusion_renderer
+
+    return tiny_diffusion_renderer

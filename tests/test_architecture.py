@@ -14,9 +14,20 @@ LAYERS = (
     ("errors", "faults", "channels", "shot", "color", "camera", "blocks", "noise"),
     ("temporal", "relight", "decompose", "metrics", "composite"),
     ("io", "stage", "embedded"),
-    ("graph", "settings", "chunks", "stages", "workspace", "solve_task", "tasks"),
+    ("graph", "settings", "chunks", "stages", "workspace", "decompose_task", "solve_task", "tasks"),
     ("workflows",),
-    ("cluster", "driver", "preflight", "session", "audit", "forecast", "doctor", "staging", "evaluation"),
+    (
+        "cluster",
+        "driver",
+        "preflight",
+        "session",
+        "audit",
+        "forecast",
+        "evaluations",
+        "doctor",
+        "staging",
+        "evaluation",
+    ),
     ("report", "trade", "cli", "__main__"),
 )
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}

@@ -16,7 +16,12 @@ ROOT = Path(__file__).parent.parent
 def stage_table() -> str:
     rows = ["| stage | a task holds | reads | writes |", "|---|---|---|---|"]
     for stage in STAGES.values():
-        writes = ", ".join(stage.arrays) or {"composite": "EXR sequence", "preview": "film, contact sheet"}[stage.name]
+        files = {
+            "window": "its frames' observed, spread",
+            "composite": "EXR sequence",
+            "preview": "film, contact sheet",
+        }
+        writes = ", ".join(stage.arrays) or files[stage.name]
         rows.append(f"| {stage.name} | {stage.per} | {stage.reads} | {writes} |")
     return "\n".join(rows)
 

@@ -1,6 +1,6 @@
 """The product in one sentence, as a graph.
 
-Keyframes are decomposed, flow links each frame to the next, frames between take the keyframe's materials along the flow
+Keyframes, or windows of frames, are decomposed, flow links each frame to the next, frames between take the keyframe's materials along the flow
 and draw what is missing; chunks are weighed and solved along the flow, and each frame is relit and composited as soon
 as its chunk is solved.
 """
@@ -27,6 +27,7 @@ def _nodes(plan: ShotPlan) -> Iterator[Node]:
         return node
 
     between = plan.keyframes
+    yield from map(add, map(plan.window, plan.windows))
     yield from (add(plan.decompose(frame, keys)) for frame in plan.present if frame not in between)
     yield from map(add, map(plan.flow, plan.linked))
     yield from (add(plan.decompose(frame, keys)) for frame in plan.present if frame in between)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from yesnt import settings as of
 from yesnt.audit import DONE, states
 from yesnt.driver import is_done
+from yesnt.evaluations import Evaluations, forecast_evaluations
 from yesnt.graph import Graph, Node
 from yesnt.preflight import inspect
 from yesnt.session import Session
@@ -42,6 +43,7 @@ class Cost:
 
 COSTS: Mapping[str, Cost] = MappingProxyType(
     {
+        "window": Cost(60.0, 2000.0, 4000, 60, 4),
         "decompose": Cost(0.3, 25.0, 550, 300, 4),
         "flow": Cost(0.05, 2.0, 350, 150, 4),
         "trust": Cost(0.2, 0.5, 400, 60, 2),
@@ -85,6 +87,7 @@ class Forecast:
 
     Attributes:
         stages: rows in order.
+        evaluations: network evaluations of the decomposition that the run would spend.
         halo: frames of halo of the solver's chunks.
         sweeps: exchanges between chunks, at most.
         left_out: what the scene lets the run skip, and why.
@@ -93,6 +96,7 @@ class Forecast:
     """
 
     stages: tuple[StageForecast, ...]
+    evaluations: Evaluations
     halo: int
     sweeps: int
     left_out: tuple[str, ...]
@@ -115,12 +119,15 @@ def forecast(session: Session) -> Forecast:
             reasons[stage_of(state.stage).name].append(state.why.split(";")[0])
     rows = tuple(_row(session, graph, stage, reasons[stage]) for stage in STAGES)
     modelled = tuple(f"{term.term}: {term.reason}" for term in _relight_terms(session) if term.modelled)
-    return Forecast(rows, plan.chunks.halo, plan.exchanges, tuple(_left_out(session)), modelled, tuple(warnings))
+    spent = forecast_evaluations(session, graph)
+    return Forecast(rows, spent, plan.chunks.halo, plan.exchanges, tuple(_left_out(session)), modelled, tuple(warnings))
 
 
 def _row(session: Session, graph: Graph, stage: str, reasons: list[str]) -> StageForecast:
-    nodes = [node for node in graph if stage_of(node.stage).name == stage and not node.transient]
+    nodes = [node for node in graph if stage_of(node.stage).name == stage and (not node.transient or stage == "window")]
     todo = [node for node in nodes if not is_done(session.book, node)]
+    if stage == "window" and all(is_done(session.book, node) for node in graph if node.stage == "decompose"):
+        todo = []
     cost, pixels = COSTS[stage], session.job.width * session.job.height
     measured = _measured_seconds(session, nodes)
     model = cost.seconds + cost.seconds_per_megapixel * pixels * _held(nodes) / 1e6
@@ -140,7 +147,8 @@ def _row(session: Session, graph: Graph, stage: str, reasons: list[str]) -> Stag
 def _held(nodes: list[Node]) -> int:
     """Frames that the largest task of a stage holds in memory."""
     spans = [node.arguments["loaded"] for node in nodes if "loaded" in node.arguments]
-    return max((stop - start for start, stop in spans), default=1)
+    windows = [len(node.frames) for node in nodes if node.transient]
+    return max([stop - start for start, stop in spans] + windows, default=1)
 
 
 def _measured_seconds(session: Session, nodes: list[Node]) -> float | None:

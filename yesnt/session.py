@@ -92,7 +92,7 @@ class Session:
             self.resolved.digests,
             self.resolved.backend,
             chunks,
-            missing.frames("decompose"),
+            missing.frames("decompose", "window"),
             missing.frames("flow"),
             missing.frames("solve", "relight", "composite"),
         )
@@ -165,11 +165,13 @@ class Session:
         return bool((outcome.failed or outcome.dead) and outcome.blocked)
 
     def _sweep_transients(self) -> None:
-        """Removes the solver's earlier sweeps once every chunk is solved: they are most of the store."""
-        if all(is_done(self.book, node) for node in self.graph() if node.stage == "solve"):
-            for folder in (self.book.folder, self.output.store):  # records first: no record without its frame
-                for sweep in folder.glob("solve.*"):
-                    shutil.rmtree(sweep)
+        """Removes what served its users only, once they are all done: earlier sweeps, windows before blending."""
+        graph = self.graph()
+        for stage, served in (("solve", "solve.*"), ("decompose", "window.*")):
+            if all(is_done(self.book, node) for node in graph if node.stage == stage):
+                for folder in (self.book.folder, self.output.store):  # records first: no record without its frame
+                    for transient in folder.glob(served):
+                        shutil.rmtree(transient)
 
     def marked_dead(self) -> dict[tuple[str, int], str]:
         """Frames that killed their workers in an earlier run; `retry` takes the marks away."""

@@ -18,6 +18,7 @@ from yesnt.blocks import Block, chunk_blocks
 from yesnt.chunks import ChunkPlan
 from yesnt.decompose.identity import BackendIdentity
 from yesnt.decompose.settings import REUSE_ONLY, keyframe_after
+from yesnt.decompose.window import Window, plan_windows
 from yesnt.graph import Node
 from yesnt.io.jobfile import frame_path
 from yesnt.io.records import key_of
@@ -49,7 +50,8 @@ class Stage:
 STAGES = {
     stage.name: stage
     for stage in (
-        Stage("decompose", 2, "frame", "plate; between keyframes also a keyframe and the flow to it",
+        Stage("window", 1, "window of frames (video backends)", "plates"),
+        Stage("decompose", 2, "frame", "plate; between keyframes also a keyframe and the flow to it; or its windows",
               ("observed", "spread", "evaluations")),
         Stage("flow", 1, "frame and the next", "two plates", ("flow", "validity")),
         Stage("trust", 1, "chunk with halo", "observed, spread, flow, validity", ("confidence",)),
@@ -146,6 +148,8 @@ class ShotPlan:
     def arrays(self) -> dict[str, str]:
         """Arrays of the store and the channel that each holds."""
         arrays = {name: name for stage in STAGES.values() for name in stage.arrays}
+        for lane in sorted({window.lane for window in self.windows}):
+            arrays |= {f"window.{lane}.{name}": name for name in ("observed", "spread")}
         return arrays | {f"solve.{sweep}": "material" for sweep in range(self.exchanges)}
 
     @cached_property
@@ -154,12 +158,19 @@ class ShotPlan:
         return key_of(self.job.shot.model_dump(mode="json", exclude={"output": True, "decompose": {"accept_license"}}))
 
     @cached_property
+    def windows(self) -> tuple[Window, ...]:
+        """Windows of a video backend; none of another."""
+        if self.backend is None or not self.backend.footprint.window:
+            return ()
+        return plan_windows(len(self.job.frames), self.backend.footprint)
+
+    @cached_property
     def keyframes(self) -> Mapping[int, int]:
         """Frame -> the keyframe whose estimate it takes; keyframes themselves are not in it.
 
         A frame that cannot reach its keyframe, because flow on the way or the keyframe itself is dead, is one.
         """
-        if self.backend is None:
+        if self.backend is None or self.windows:
             return {}
         frames, step, found = self.job.frames, of.ensemble_settings(self.job.shot).keyframe_step, {}
         for position, frame in enumerate(frames):
@@ -169,22 +180,45 @@ class ShotPlan:
                 found[frame] = frames[key]
         return found
 
+    def window(self, window: Window) -> Node:
+        """Members of a window of frames, their mean and spread a frame."""
+        shot = self.job.shot
+        frames = tuple(self.job.frames[p] for p in window.span)
+        settings = self._sampling() | {"colorspace": shot.plate.colorspace, "frames": frames}
+        inputs: dict[str, str] = {}
+        for frame in frames:
+            inputs |= self._inputs(frame, **{f"plate {frame}": shot.plate.path})
+        fields = self._fields("window", settings, inputs, [], {})
+        return Node(f"window.{window.lane}", window.index, frames, fields, transient=True)
+
+    def _sampling(self) -> dict[str, Any]:
+        """What a full draw depends on beside its pictures."""
+        assert self.backend is not None
+        ensemble = dataclasses.asdict(of.ensemble_settings(self.job.shot))
+        return {
+            "backend": dataclasses.asdict(self.backend),
+            "ensemble": {name: value for name, value in ensemble.items() if name not in REUSE_ONLY},
+            "seed": self.job.shot.seed,
+        }
+
     def decompose(self, frame: int, keys: Keys) -> Node:
         """Members of one frame, their mean and spread; between keyframes only what the keyframe cannot tell."""
-        shot, keyframe = self.job.shot, self.keyframes.get(frame)
-        settings: dict[str, Any] = {"path": shot.decompose.path is not None}
-        inputs = self._inputs(frame, plate=shot.plate.path, passes=shot.decompose.path)
-        upstream: list[tuple[str, int]] = []
-        if self.backend is not None:
-            ensemble = dataclasses.asdict(of.ensemble_settings(shot))
-            if keyframe is None:
-                ensemble = {name: value for name, value in ensemble.items() if name not in REUSE_ONLY}
-            else:
-                way = self.job.frames[self.job.position(frame) : self.job.position(keyframe)]
-                upstream = [("decompose", keyframe), *(("flow", f) for f in way)]
-            settings = {"backend": dataclasses.asdict(self.backend), "ensemble": ensemble, "seed": shot.seed}
+        shot, position, keyframe = self.job.shot, self.job.position(frame), self.keyframes.get(frame)
+        passes: dict[str, Any] = {"path": shot.decompose.path is not None}
+        settings = passes if self.backend is None else self._sampling()
         settings["colorspace"] = shot.plate.colorspace
-        return self._node("decompose", frame, settings, inputs, upstream, keys, {"keyframe": keyframe})
+        inputs = self._inputs(frame, plate=shot.plate.path, passes=shot.decompose.path)
+        covering = [w for w in self.windows if position in w.span]
+        mix = {f"window.{w.lane}": w.weights[position - w.span.start] for w in covering}
+        upstream = [(stage, frame) for stage in mix]
+        if keyframe is not None:
+            settings["reuse"] = {name: getattr(of.ensemble_settings(shot), name) for name in REUSE_ONLY}
+            way = self.job.frames[position : self.job.position(keyframe)]
+            upstream = [("decompose", keyframe), *(("flow", f) for f in way)]
+        arguments: dict[str, Any] = {"keyframe": keyframe, "mix": mix}
+        if self.backend is not None and mix:  # network evaluations of a window's member, a frame
+            arguments["cost"] = self.backend.footprint.evaluations / self.backend.footprint.window
+        return self._node("decompose", frame, settings | {"mix": mix}, inputs, upstream, keys, arguments)
 
     def flow(self, frame: int) -> Node:
         """Flow of one frame to the next, and where it can be trusted."""
@@ -320,10 +354,10 @@ class ShotPlan:
 
     def _node_of(self, stage: str, frame: int) -> tuple[str, int]:
         """The node that commits a frame of a stage."""
-        position = self.job.position(frame)
-        if stage_of(stage).name not in PER_CHUNK:
-            return (stage, position)
-        return (stage, self._chunk_of(position))
+        position, kind = self.job.position(frame), stage_of(stage).name
+        if kind == "window":
+            return (stage, next(w.index for w in self.windows if f"window.{w.lane}" == stage and position in w.span))
+        return (stage, self._chunk_of(position) if kind in PER_CHUNK else position)
 
     def _inputs(self, frame: int, **patterns: str | None) -> dict[str, str]:
         return {

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,11 +19,10 @@ from yesnt.io import capture
 from yesnt.io.capture import file_digest
 from yesnt.io.exr import write_exr
 from yesnt.io.jobfile import frame_path
-from yesnt.shot import Job, Knob, LightInput
+from yesnt.shot import Job, LightInput
 from yesnt.workspace import Workspace
 
 if TYPE_CHECKING:
-    from yesnt.decompose.reuse import Prior
     from yesnt.relight import EnvMap
 
 Float32 = NDArray[np.float32]
@@ -40,39 +38,18 @@ def run_node(job: Job, node: Node) -> dict[str, Any]:
     return space.receipt()
 
 
+def window(space: Workspace) -> None:
+    """One window of frames of a video backend."""
+    from yesnt.decompose_task import window as run
+
+    run(space)
+
+
 def decompose(space: Workspace) -> None:
     """Mean and spread of the material of one frame."""
-    job, frame = space.job, space.node.frames[0]
-    if job.shot.decompose.path is not None:
-        mean, spread = capture.read_passes(job, frame)
-        space.commit(frame, {"observed": mean, "spread": spread})
-        return
-    from yesnt.decompose.ensemble import estimate_frame
+    from yesnt.decompose_task import decompose as run
 
-    plate = capture.read_plate(job, frame)
-    chosen = job.shot.decompose
-    knobs = tuple(sorted(of.backend_knobs(job.shot).items()))
-    backend = _backend(chosen.backend, of.weights_path(job.root, job.shot), chosen.accept_license, knobs)
-    settings, prior = of.ensemble_settings(job.shot), _carried(space, plate.matte)
-    with space.kernel():
-        estimate = estimate_frame(plate.color, plate.matte, backend, settings, job.shot.seed, frame, prior)
-    arrays = {"observed": estimate.mean, "spread": estimate.std, "evaluations": estimate.evaluations[None]}
-    space.commit(frame, arrays, facts={"evaluations": estimate.total_evaluations})
-
-
-def _carried(space: Workspace, matte: Float32) -> Prior | None:
-    """A keyframe's estimate along the flow to this frame; None for a keyframe."""
-    from yesnt.decompose.reuse import Link, carry_back
-
-    job, frame, keyframe = space.job, space.node.frames[0], space.node.arguments["keyframe"]
-    if keyframe is None:
-        return None
-    way = job.frames[job.position(frame) : job.position(keyframe)]
-    links = [Link(space.read("flow", "flow", f).transpose(1, 2, 0), space.read("flow", "validity", f)[0]) for f in way]
-    mattes = [matte > 0.5, *(capture.read_matte(job, f) > 0.5 for f in (*way[1:], keyframe))]
-    mean, spread = (space.read("decompose", name, keyframe) for name in ("observed", "spread"))
-    with space.kernel():
-        return carry_back(mean, spread, links, mattes, of.ensemble_settings(job.shot))
+    run(space)
 
 
 def flow(space: Workspace) -> None:
@@ -218,14 +195,6 @@ def _camera(path: str) -> Camera:
     return Camera.open(path)
 
 
-@lru_cache(maxsize=1)
-def _backend(name: str, weights: Path | None, accepted: tuple[str, ...], knobs: tuple[tuple[str, Knob], ...]) -> Any:
-    """The model stays in the worker: loading it costs more than a frame."""
-    from yesnt.decompose.registry import open_backend
-
-    return open_backend(name, weights, accepted, dict(knobs))
-
-
 def _env(space: Workspace, spec: LightInput | None, role: str) -> EnvMap:
     return _env_map(space.job.root, spec, space.node.fields["inputs"].get(role, ""))
 
@@ -261,6 +230,7 @@ def _prepared_light(root: str, spec: LightInput | None, digest: str, settings: A
 
 
 _TASKS: dict[str, Callable[[Workspace], None]] = {
+    "window": window,
     "decompose": decompose,
     "flow": flow,
     "trust": trust,

@@ -15,11 +15,17 @@ def print_plan(found: Forecast) -> None:
                 row.stage, row.todo, row.reuse, seconds(row.seconds) + ("" if row.measured else " (guess)"),
                 gigabytes(row.peak_bytes), gigabytes(row.disk_bytes), row.why,
             )
-            for row in found.stages
+            for row in found.stages if row.todo or row.reuse
         ),
     )  # fmt: skip
     total = sum(row.seconds for row in found.stages)
     print(f"In all {seconds(total)} on one worker, about {seconds(total / 2)} on two.")
+    spent = found.evaluations
+    if spent.most:
+        print(
+            f"Network evaluations: {spent.expected:,} expected ({spent.least:,} to {spent.most:,}; {spent.basis}), "
+            f"{spent.fixed:,} with all {spent.samples} members on every frame."
+        )
     print(f"Temporal chunks: halo {found.halo} frames, at most {found.sweeps} exchange sweeps.")
     for line in found.modelled:
         print(f"Modelled: {line}.")

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     import torch
 
+    from yesnt.decompose.settings import EnsembleSettings
+
 Float32 = NDArray[np.float32]
 
 
@@ -36,14 +38,14 @@ class Footprint:
         patch: side of a patch in pixels; None: the whole frame at the model's own size.
         align: patch origins are multiples of this.
         evaluations: network evaluations of one member of one patch.
-        window: frames of a call; 1: frames are drawn apart.
+        window: frames of a call of a video backend; 0: frames are drawn apart.
         overlap: frames that neighbouring windows share at least.
     """
 
     patch: int | None
     align: int
     evaluations: int
-    window: int = 1
+    window: int = 0
     overlap: int = 0
 
 
@@ -143,13 +145,14 @@ class VideoBackend(Protocol):
     @property
     def weights_digest(self) -> str: ...  # noqa: D102
 
-    def draw(self, clip: Clip, seed: int, members: Sequence[int]) -> Iterator[Float32]:
+    def draw(self, clip: Clip, seed: int, members: Sequence[int], settings: EnsembleSettings) -> Iterator[Float32]:
         """Draws members one after another.
 
         Args:
             clip: `footprint.window` frames.
             seed: the job's seed; a member depends on it, on the clip's frame numbers and on its own number alone.
             members: numbers k.
+            settings: overlap of patches, and whether members come in opposite pairs, where the model lets us choose.
 
         Yields:
             [F, 2, H, W] roughness (Disney's r) and metallic in [0, 1].

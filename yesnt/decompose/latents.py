@@ -75,3 +75,9 @@ def placed(model: Any, device: str, precision: torch.dtype) -> Any:
     """A network on its device, frozen, its convolutions laid out channels last."""
     model = model.to(device, precision).requires_grad_(False).eval()
     return model.to(memory_format=torch.channels_last)
+
+
+def srgb(linear: torch.Tensor) -> torch.Tensor:
+    """Linear to sRGB code values (IEC 61966-2-1), clipped to [0, 1]."""
+    x = linear.clamp(0, 1)
+    return torch.where(x <= 0.0031308, 12.92 * x, 1.055 * x.clamp_min(0.0031308) ** (1 / 2.4) - 0.055)

@@ -15,6 +15,7 @@ from yesnt.decompose.latents import (
     local_only,
     placed,
     precision_named,
+    srgb,
 )
 from yesnt.decompose.published import MARIGOLD
 from yesnt.errors import JobError
@@ -63,7 +64,7 @@ class MarigoldBackend:
     def encode(self, rgb: torch.Tensor, matte: torch.Tensor) -> torch.Tensor:
         """[B, 3, P, P] to the picture's latents [B, 4, P/8, P/8]; the matte has already blackened what is outside."""
         vae = self._pipeline.vae
-        coded = 2 * _srgb(rgb.to(self._device, vae.dtype)) - 1
+        coded = 2 * srgb(rgb.to(self._device, vae.dtype)) - 1
         return vae.encode(coded).latent_dist.mode() * vae.config.scaling_factor
 
     @torch.no_grad()
@@ -116,9 +117,3 @@ def _empty_prompt(pipeline: Any) -> torch.Tensor:
     tokens = pipeline.tokenizer("", padding="do_not_pad", truncation=True, return_tensors="pt").input_ids
     embedding: torch.Tensor = pipeline.text_encoder(tokens.to(pipeline.device))[0]
     return embedding.to(pipeline.dtype)
-
-
-def _srgb(linear: torch.Tensor) -> torch.Tensor:
-    """Linear to sRGB code values (IEC 61966-2-1), clipped to [0, 1]."""
-    x = linear.clamp(0, 1)
-    return torch.where(x <= 0.0031308, 12.92 * x, 1.055 * x.clamp_min(0.0031308) ** (1 / 2.4) - 0.055)

@@ -10,7 +10,7 @@ from typing import Any
 
 from yesnt.decompose.backend import Backend, Footprint, Licence, VideoBackend
 from yesnt.decompose.checkpoint import Published
-from yesnt.decompose.published import MARIGOLD, RGBX
+from yesnt.decompose.published import COSMOS, DIFFUSION_RENDERER, MARIGOLD, RGBX
 from yesnt.errors import JobError
 
 Knobs = Mapping[str, Any]
@@ -37,6 +37,18 @@ def _rgbx(folder: Path, knobs: Knobs) -> Backend:
     return RgbxBackend(folder, **knobs)
 
 
+def _diffusion_renderer(folder: Path, knobs: Knobs) -> VideoBackend:
+    from yesnt.decompose.diffusion_renderer import DiffusionRendererBackend
+
+    return DiffusionRendererBackend(folder, **knobs)
+
+
+def _cosmos(folder: Path, knobs: Knobs) -> VideoBackend:
+    from yesnt.decompose.cosmos import CosmosBackend
+
+    return CosmosBackend(folder, **knobs)
+
+
 def _embedded_footprint(path: Path, knobs: Knobs) -> Footprint:
     with path.open("rb") as file:  # a safetensors file begins with the length of its JSON header
         header = json.loads(file.read(int.from_bytes(file.read(8), "little")))
@@ -51,6 +63,16 @@ def _marigold_footprint(folder: Path, knobs: Knobs) -> Footprint:
 
 def _rgbx_footprint(folder: Path, knobs: Knobs) -> Footprint:
     return Footprint(int(knobs.get("patch", 768)), 8, 2 * int(knobs.get("steps", 50)))
+
+
+def _diffusion_renderer_footprint(folder: Path, knobs: Knobs) -> Footprint:
+    window, overlap = int(knobs.get("window", 24)), int(knobs.get("window_overlap", 6))
+    return Footprint(int(knobs.get("patch", 512)), 64, 2 * int(knobs.get("steps", 20)), window, overlap)
+
+
+def _cosmos_footprint(folder: Path, knobs: Knobs) -> Footprint:
+    window, overlap = int(knobs.get("window", 57)), int(knobs.get("window_overlap", 8))
+    return Footprint(None, 1, 2 * int(knobs.get("steps", 15)), window, overlap)
 
 
 @dataclass(frozen=True)
@@ -75,6 +97,7 @@ class Entry:
 
 
 _LATENT = {"steps": int, "patch": int, "batch": int, "precision": str}
+_VIDEO = {"steps": int, "window": int, "window_overlap": int}
 
 ENTRIES = {
     "embedded": Entry(Licence("Apache-2.0", commercial=True), 2, _embedded, _embedded_footprint, {"steps": int}),
@@ -82,6 +105,14 @@ ENTRIES = {
         Licence("OpenRAIL++-M", commercial=True), 2, _marigold, _marigold_footprint, _LATENT, MARIGOLD
     ),
     "rgbx": Entry(Licence("Adobe-Research", commercial=False), 2, _rgbx, _rgbx_footprint, _LATENT, RGBX),
+    "diffusion-renderer": Entry(
+        Licence("NVIDIA-NonCommercial", commercial=False), 1, _diffusion_renderer, _diffusion_renderer_footprint,
+        {**_VIDEO, "patch": int, "precision": str}, DIFFUSION_RENDERER,
+    ),
+    "diffusion-renderer-cosmos": Entry(
+        Licence("NVIDIA-Open-Model", commercial=True), 1, _cosmos, _cosmos_footprint,
+        {**_VIDEO, "python": str, "allow_pickle": bool, "offload": bool}, COSMOS,
+    ),
 }  # fmt: skip
 """Every backend by name."""
 

@@ -8,7 +8,9 @@ from typing import Any
 from yesnt.stages import STAGES
 
 WIDTH, LANE = 1000, 22
-COLORS = dict(zip(STAGES, ("#4878a8", "#8cb369", "#b07aa1", "#d1495b", "#edae49", "#66a182", "#999999"), strict=True))
+COLORS = dict(
+    zip(STAGES, ("#2f4b7c", "#4878a8", "#8cb369", "#b07aa1", "#d1495b", "#edae49", "#66a182", "#999999"), strict=True)
+)
 
 
 def timeline_svg(tasks: Sequence[dict[str, Any]]) -> str:

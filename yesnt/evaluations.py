@@ -1,0 +1,96 @@
+"""How many evaluations of the network a run would spend, from mattes and patches alone: a part of `yesnt plan`."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from yesnt import settings as of
+from yesnt.decompose.blend import PatchGrid
+from yesnt.driver import is_done
+from yesnt.graph import Graph, Node
+from yesnt.io.capture import read_matte
+from yesnt.session import Session
+from yesnt.shot import Job
+
+TYPICAL_SHARE = {"full": 0.35, "between": 0.1}
+"""Share of all members that a frame drawn in full, and one between keyframes, spends where a tolerance is set:
+measured on the development and the embedded shot (`tests/benchmarks/decompose_adaptive.py`)."""
+
+
+@dataclass(frozen=True)
+class Evaluations:
+    """Evaluations of what is not done yet.
+
+    Attributes:
+        least: if every patch stops after its first members, and frames between keyframes draw nothing.
+        expected: by the measured share of this job's frames that are done, or else the typical share.
+        most: if every patch draws all members.
+        fixed: of all frames of the shot with all members.
+        samples: that number of members.
+        basis: where `expected` comes from.
+    """
+
+    least: int
+    expected: int
+    most: int
+    fixed: int
+    samples: int
+    basis: str
+
+
+def forecast_evaluations(session: Session, graph: Graph) -> Evaluations:
+    """Counts patches that see the matte, for every frame (or window) that is to be drawn."""
+    plan = session.plan()
+    settings = of.ensemble_settings(session.job.shot)
+    if plan.backend is None:
+        return Evaluations(0, 0, 0, 0, settings.samples, "passes are read")
+    nodes = [node for node in graph if node.stage.partition(".")[0] == ("window" if plan.windows else "decompose")]
+    print_of = plan.backend.footprint
+    patches = {node.id: _patches(session.job, node, print_of.patch, print_of.align, settings.overlap) for node in nodes}
+    todo = [node for node in nodes if not _settled(session, graph, node)]
+    members = settings.rounds()[0].stop
+    least, most, expected = 0.0, 0.0, 0.0
+    shares, basis = _shares(session, nodes, patches, print_of.evaluations * settings.samples)
+    for node in todo:
+        one = patches[node.id] * print_of.evaluations
+        between = node.arguments.get("keyframe") is not None
+        least += 0 if between else one * members
+        most += one * settings.samples
+        share = shares["between" if between else "full"]
+        expected += one * settings.samples * (share if settings.tolerance or between else 1)
+    fixed = sum(patches.values()) * print_of.evaluations * settings.samples
+    return Evaluations(round(least), round(expected), round(most), fixed, settings.samples, basis)
+
+
+def _settled(session: Session, graph: Graph, node: Node) -> bool:
+    """Whether a node need not run: it is done, or its users are and its own result was swept away."""
+    users = [user for user in graph if node.id in user.needs] if node.transient else []
+    return is_done(session.book, node) or bool(users and all(is_done(session.book, user) for user in users))
+
+
+def _patches(job: Job, node: Node, patch: int | None, align: int, overlap: float) -> int:
+    """Patches of a frame, or of a window's frames together, that see any matte."""
+    matte = np.maximum.reduce([read_matte(job, frame) for frame in node.frames])
+    if patch is None:
+        return int(matte.any())
+    grid = PatchGrid.cover(job.height, job.width, patch, overlap, align)
+    padded = np.pad(matte, ((0, grid.height - job.height), (0, grid.width - job.width)))
+    return len(grid.covering(padded))
+
+
+def _shares(
+    session: Session, nodes: Sequence[Node], patches: dict[tuple[str, int], int], whole: int
+) -> tuple[dict[str, float], str]:
+    """Share of all members that frames drawn in full, and frames between keyframes, spend."""
+    spent: dict[str, list[float]] = {"full": [], "between": []}
+    for node in nodes:
+        record = session.book.find(node.stage, node.frames[0])
+        if record is not None and "evaluations" in record.facts and patches[node.id]:
+            kind = "full" if node.arguments.get("keyframe") is None else "between"
+            spent[kind].append(record.facts["evaluations"] / (patches[node.id] * whole))
+    shares = {kind: statistics.mean(found) if found else TYPICAL_SHARE[kind] for kind, found in spent.items()}
+    return shares, "measured on this job's frames" if any(spent.values()) else "typical share of a first run"

@@ -2,33 +2,17 @@
 
 from __future__ import annotations
 
-import hashlib
 from pathlib import Path
 
 import numpy as np
-import pytest
 
+from tests.in_process import run_here, shard_digests
 from tests.tiny_shot import write_tiny_shot
-from yesnt.cluster import ClusterSpec, open_cluster
+from yesnt.evaluations import forecast_evaluations
 from yesnt.io.store import FrameStore
-from yesnt.session import Missing, RunOptions, Session
+from yesnt.session import Missing, Session
 
 DECOMPOSE = {"backend": "embedded", "samples": 2, "knobs": {"keyframe_step": 3, "steps": 1}}
-
-
-@pytest.fixture(scope="module")
-def cluster():
-    with open_cluster(ClusterSpec("local", 2)) as client:
-        yield ClusterSpec(client.scheduler.address)
-
-
-def decomposed(path: Path, cluster: ClusterSpec, *frames: str) -> dict[str, str]:
-    for chosen in frames:
-        assert not Session(path).run(RunOptions(chosen or None, "decompose", cluster)).missing
-    store = path.parent / "out" / "store.zarr"
-    arrays = ("observed", "spread", "evaluations")
-    files = sorted(p for name in arrays for p in (store / name / "c").rglob("*") if p.is_file())
-    return {str(p.relative_to(store)): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
 
 
 def test_frames_between_need_their_keyframe_and_the_flow_to_it(tmp_path: Path) -> None:
@@ -57,16 +41,28 @@ def test_thresholds_of_reuse_leave_keyframes_as_they_are(tmp_path: Path) -> None
     assert one.nodes["decompose", 1].key != two.nodes["decompose", 1].key
 
 
-def test_a_subset_first_gives_the_bytes_of_a_whole_run_and_few_evaluations(
-    tmp_path: Path, cluster: ClusterSpec
-) -> None:
-    whole = decomposed(write_tiny_shot(tmp_path / "whole", 4, decompose=DECOMPOSE), cluster, "")
+def test_a_subset_first_gives_the_bytes_of_a_whole_run_and_few_evaluations(tmp_path: Path) -> None:
+    names = ("observed", "spread", "evaluations")
+    whole = run_here(write_tiny_shot(tmp_path / "whole", 4, decompose=DECOMPOSE))
     pieces = write_tiny_shot(tmp_path / "pieces", 4, decompose=DECOMPOSE)
-    assert decomposed(pieces, cluster, "1003", "1001", "") == whole
-    assert len(whole) == 12
-    session = Session(pieces)
+    run_here(pieces, frames="1003", order=1)
+    session = run_here(pieces, order=2)
+    assert shard_digests(session, *names) == shard_digests(whole, *names)
+    assert len(shard_digests(session, *names)) == 12
     spent = [session.book.find("decompose", f).facts["evaluations"] for f in session.job.frames]
     assert spent[1] <= spent[0] == spent[3]
-    store = FrameStore(session.output.store)
-    observed = store.read("observed", 1)
-    assert np.isfinite(observed).all()
+    assert np.isfinite(FrameStore(session.output.store).read("observed", 1)).all()
+
+
+def test_the_plan_tells_how_many_evaluations_there_will_be(tmp_path: Path) -> None:
+    path = write_tiny_shot(tmp_path / "shot", 4, decompose={**DECOMPOSE, "samples": 8})
+    session = Session(path)
+    before = forecast_evaluations(session, session.graph())
+    assert before.fixed == before.most == 4 * 8, "one patch a frame, one step"
+    assert before.least == 2 * 8, "two keyframes; without a tolerance they draw all members"
+    assert before.least < before.expected <= before.most
+    run_here(path, frames="1001")
+    after = forecast_evaluations(session, session.graph())
+    assert after.most == before.most - 8
+    run_here(path)
+    assert forecast_evaluations(session, session.graph()).most == 0

@@ -1,66 +1,91 @@
-"""Sampling that stops against a fixed number of members: network evaluations and error on a shot with truth.
+"""Sampling that stops and keyframes against 16 members on every frame: evaluations and error after temporal fusion.
 
-python tests/benchmarks/decompose_adaptive.py FOLDER [--frames 3] [--weights FILE]
+python tests/benchmarks/decompose_adaptive.py FOLDER [FOLDER ...] [--frames 12] [--weights FILE] [--steps 2]
+
+Each folder is a shot with truth. Error is the root mean square against the true material inside the matte.
 """
 
 from __future__ import annotations
 
 import argparse
-import time
+import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import torch
+import yaml
 
-from yesnt.color import straighten
-from yesnt.decompose.embedded import EmbeddedBackend
-from yesnt.decompose.ensemble import estimate_frame
 from yesnt.decompose.settings import EnsembleSettings
-from yesnt.decompose.weights import SHIPPED
 from yesnt.io.exr import read_image
+from yesnt.session import Session
+from yesnt.trade.lab import Lab
 
-CASES = (
-    ("K=16", EnsembleSettings(16)),
-    ("K=8", EnsembleSettings(8)),
-    ("K=4", EnsembleSettings(4)),
-    ("K=2", EnsembleSettings(2)),
-    ("tolerance 0.02", EnsembleSettings(16, tolerance=0.02)),
-    ("tolerance 0.03", EnsembleSettings(16, tolerance=0.03)),
-    ("tolerance 0.05", EnsembleSettings(16, tolerance=0.05)),
-    ("tolerance 0.08", EnsembleSettings(16, tolerance=0.08)),
-)
+WHOLE = EnsembleSettings(16, tolerance=0.0, keyframe_step=1)
+CASES = {
+    "K=16": WHOLE,
+    "K=4": replace(WHOLE, samples=4),
+    "K=2": replace(WHOLE, samples=2),
+    "tolerance 0.02": replace(WHOLE, tolerance=0.02),
+    "tolerance 0.05": replace(WHOLE, tolerance=0.05),
+    "tolerance 0.05, every 2nd": replace(WHOLE, tolerance=0.05, keyframe_step=2),
+    "tolerance 0.05, every 4th": replace(WHOLE, tolerance=0.05, keyframe_step=4),
+    "K=2, every 2nd": replace(WHOLE, samples=2, keyframe_step=2),
+    "K=2, every 4th": replace(WHOLE, samples=2, keyframe_step=4),
+    "K=4, every 4th": replace(WHOLE, samples=4, keyframe_step=4),
+}
 
 
-def main():
+def open_lab(folder: Path, home: Path, frames: int, weights: Path | None) -> Lab:
+    """The shot with absolute paths and an output of its own: its folder is only read."""
+    job = yaml.safe_load((folder / "shot.yaml").read_text())
+    for part in ("plate", "gbuffer", "light", "capture_light", "proxy"):
+        job[part]["path"] = str(folder / job[part]["path"])
+    job |= {"camera": str(folder / job["camera"]), "output": str(home / "out")}
+    job["decompose"] = {"backend": "embedded"} | ({"weights": str(weights.absolute())} if weights else {})
+    (home / "shot.yaml").write_text(yaml.safe_dump(job))
+    session = Session(home)
+    return Lab(session, session.job.frames[:frames])
+
+
+def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--frames", type=int, default=3)
-    parser.add_argument("--weights", type=Path, default=SHIPPED)
+    parser.add_argument("folders", type=Path, nargs="+")
+    parser.add_argument("--frames", type=int, default=12)
+    parser.add_argument("--steps", type=int, default=2)
+    parser.add_argument("--weights", type=Path)
     options = parser.parse_args()
     torch.set_num_threads(1)
-    plates = sorted(options.folder.glob("plate.*.exr"))
-    chosen = [plates[i] for i in np.unique(np.linspace(0, len(plates) - 1, options.frames).astype(int))]
-    print(f"{'case':16s} steps  evaluations  ratio  rmse roughness  metallic  seconds/frame")
-    for steps in (1, 2):
-        backend, whole = EmbeddedBackend(options.weights, steps), None
-        for name, settings in CASES:
-            squares, evaluations, start = [], 0, time.process_time()
-            for path in chosen:
-                number = path.name.split(".")[1]
-                plate = read_image(path).stack("RGBA")
-                truth = read_image(options.folder / "truth" / f"material.{number}.exr")
-                truth = np.stack([truth.channels["roughness.Y"], truth.channels["metallic.Y"]])
-                rgb, matte = straighten(plate[..., :3], plate[..., 3]), plate[..., 3]
-                estimate = estimate_frame(rgb, matte, backend, settings, 0, int(number))
-                squares.append(((estimate.mean - truth) ** 2)[:, matte > 0.99])
-                evaluations += estimate.total_evaluations
-            error = np.sqrt(np.concatenate(squares, 1).mean(1))
-            seconds = (time.process_time() - start) / len(chosen)
-            whole = whole or evaluations
-            print(
-                f"{name:16s} {steps:5d}  {evaluations / len(chosen):11.0f}  {whole / evaluations:5.1f}"
-                f"  {error[0]:14.4f}  {error[1]:8.4f}  {seconds:8.2f}"
-            )
+    for folder in options.folders:
+        with tempfile.TemporaryDirectory() as home:
+            lab = open_lab(folder.absolute(), Path(home), options.frames, options.weights)
+            truth = np.stack([true_material(folder, frame) for frame in lab.frames], axis=1)
+            inside = np.stack([plate.matte > 0.99 for plate in lab.plates])
+            print(f"{folder.name}, {len(lab.frames)} frames, {options.steps} steps")
+            print(f"{'case':26s} evaluations  fewer  roughness: drawn  fused   metallic: drawn  fused  rank of spread")
+            whole = 0
+            for name, settings in CASES.items():
+                mean, std, spent = lab.observe(settings, {"steps": options.steps}, "dis-quality")
+                fused, _ = lab.fuse(mean, std, "dis-quality", 1e-4)
+                drawn, solved = (np.sqrt(((v - truth) ** 2)[:, inside].mean(1)) for v in (mean, fused))
+                whole = whole or spent.evaluations
+                ranks = rank_correlation(std[0][inside], np.abs(mean - truth)[0][inside])
+                print(
+                    f"{name:26s} {spent.evaluations / len(lab.frames):11.1f}  {whole / spent.evaluations:5.1f}"
+                    f"  {drawn[0]:16.4f} {solved[0]:6.4f} {drawn[1]:16.4f} {solved[1]:6.4f}  {ranks:14.2f}",
+                    flush=True,
+                )
+
+
+def true_material(folder: Path, frame: int) -> np.ndarray:
+    image = read_image(folder / "truth" / f"material.{frame}.exr")
+    return np.stack([image.channels["roughness.Y"], image.channels["metallic.Y"]])
+
+
+def rank_correlation(a: np.ndarray, b: np.ndarray) -> float:
+    from scipy.stats import spearmanr
+
+    return float(spearmanr(a[::7], b[::7]).statistic)
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ import typer
 
 from yesnt.cli import text
 from yesnt.cli.evaluate import evaluate
+from yesnt.cli.trade import trade
 
 app = typer.Typer(
     help="Relights volumetric video: decompose, stabilise, relight, composite.",
@@ -247,3 +248,4 @@ def _print_result(session: object, warnings: list[str], missing: list[dict[str, 
 
 
 app.command("eval")(evaluate)
+app.command("trade")(trade)

@@ -1,0 +1,36 @@
+"""Runs a shot's nodes in the test's own process, in any order that the graph allows: no cluster to start."""
+
+from __future__ import annotations
+
+import hashlib
+import random
+from pathlib import Path
+
+from yesnt.driver import is_done
+from yesnt.io.store import FrameStore
+from yesnt.session import RunOptions, Session
+from yesnt.tasks import run_node
+
+
+def run_here(path: Path, until: str = "decompose", frames: str | None = None, order: int = 0) -> Session:
+    """Runs what is not done; `order` seeds the choice among the nodes that are ready."""
+    session, chance = Session(path), random.Random(order)
+    plan, graph = session.plan(), session.graph()
+    graph = graph.closure(session.targets(graph, RunOptions(frames, until)))
+    FrameStore.create(
+        session.output.store, plan.arrays(), len(session.job.frames), session.job.height, session.job.width
+    )
+    waiting = [node for node in graph if not is_done(session.book, node)]
+    while waiting:
+        names = {node.id for node in waiting}
+        node = chance.choice([node for node in waiting if names.isdisjoint(node.needs)])
+        run_node(session.job, node)
+        waiting.remove(node)
+    return session
+
+
+def shard_digests(session: Session, *arrays: str) -> dict[str, str]:
+    """SHA-256 of every stored frame of the arrays."""
+    store = session.output.store
+    files = sorted(p for name in arrays for p in (store / name / "c").rglob("*") if p.is_file())
+    return {str(p.relative_to(store)): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}

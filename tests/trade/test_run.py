@@ -1,0 +1,68 @@
+"""`yesnt trade` on the tiny shot, with few variants: what is written, and that the reference has no error."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from tests.tiny_shot import write_tiny_shot
+from yesnt.decompose.settings import EnsembleSettings
+from yesnt.errors import UsageError
+from yesnt.session import Session
+from yesnt.trade import TradeOptions, run_trade
+from yesnt.trade import run as module
+from yesnt.trade.variants import Variant, variants
+
+
+def few(steps):
+    """Two variants a stage, the cheap one first."""
+    one = {"tolerance": 0.0, "keyframe_step": 1}
+    return [
+        Variant("decompose", "K=2", {}, EnsembleSettings(2, **one), {"steps": 1}),
+        Variant("decompose", "every 2nd", {}, EnsembleSettings(2, tolerance=0.0, keyframe_step=2), {"steps": 1}),
+        Variant("decompose", "K=4", {}, EnsembleSettings(4, **one), {"steps": 1}),
+        Variant("flow", "dis-fast", {"flow": {"knobs": {"method": "dis-fast"}}}, method="dis-fast"),
+        Variant("flow", "dis-quality", {}),
+        Variant("solve", "coarse", {}, tolerance=0.1),
+        Variant("solve", "fine", {}, tolerance=1e-6),
+        Variant("relight", "draft", {"quality": "draft"}, quality="draft"),
+        Variant("relight", "standard", {}, quality="standard"),
+    ]
+
+
+def test_every_stage_is_measured_and_the_reference_has_no_error(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "variants", few)
+    session = Session(write_tiny_shot(tmp_path / "shot", 3, decompose={"backend": "embedded", "samples": 2}))
+    told = []
+    document = run_trade(session, TradeOptions(3), told.append)
+    points = {(p["stage"], p["name"]): p for p in document["points"]}
+    assert len(points) == 9
+    for reference in (("decompose", "K=4"), ("flow", "dis-quality"), ("solve", "fine"), ("relight", "standard")):
+        assert points[reference]["error"] == 0
+    assert all(p["seconds"] > 0 for p in points.values())
+    k2, k4 = points["decompose", "K=2"], points["decompose", "K=4"]
+    assert 0 < 2 * k2["evaluations"] == k4["evaluations"]
+    assert points["decompose", "every 2nd"]["evaluations"] <= k2["evaluations"]
+    assert k2["error"] > 0
+    assert len(told) == 5
+    written = json.loads((session.output.run / "trade.json").read_text())
+    assert written["points"] == document["points"]
+    assert (session.output.run / "trade.svg").read_text().startswith("<svg")
+    assert run_trade(session, TradeOptions(3, error=0.0))["choice"]["error"] == 0
+
+
+def test_passes_have_nothing_to_trade(tmp_path):
+    with pytest.raises(UsageError, match="backend"):
+        run_trade(Session(write_tiny_shot(tmp_path / "shot", 3)), TradeOptions())
+
+
+def test_the_last_variant_of_a_stage_is_its_reference_and_jobs_are_valid():
+    found = variants((1, 2, 4))
+    assert [v.name for v in found if v.stage == "decompose"][-1] == "K=16, overlap 0.5"
+    assert len({(v.stage, v.name) for v in found}) == len(found)
+
+
+def test_the_command_is_there():
+    out = subprocess.run([sys.executable, "-m", "yesnt", "trade", "--help"], capture_output=True, text=True, check=True)
+    assert "--seconds-per-frame" in out.stdout

@@ -1,0 +1,51 @@
+"""`yesnt trade`: reads options, measures, prints the table and the settings to take."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from yesnt.cli import text
+
+ShotArgument = Annotated[Path, typer.Argument(metavar="SHOT", help="shot.yaml or its folder")]
+
+
+def trade(
+    shot: ShotArgument,
+    error: Annotated[float | None, typer.Option(min=0, help="largest display error that is good enough")] = None,
+    seconds_per_frame: Annotated[float | None, typer.Option(min=0, help="most processor seconds a frame")] = None,
+    frames: Annotated[int, typer.Option(min=2, help="frames in a row that are tried")] = 6,
+    json: Annotated[bool, typer.Option("--json", help="one JSON document on stdout")] = False,
+) -> int:
+    """Measure what each stage's speed settings cost in accuracy on this shot; name the cheapest that will do."""
+    import sys
+
+    from yesnt.session import Session
+    from yesnt.trade import TradeOptions, run_trade
+
+    def tell(line: str) -> None:
+        print(line, file=sys.stderr)
+
+    document = run_trade(Session(shot), TradeOptions(frames, error, seconds_per_frame), tell)
+    if json:
+        text.print_json(document)
+        return 0 if document["choice"] else 1
+    text.print_table(
+        ("stage", "setting", "s a frame", "evaluations", "error"),
+        (
+            (p["stage"], p["name"], f"{p['seconds']:.2f}", f"{p['evaluations']:.0f}" if p["evaluations"] else "",
+             f"{p['error']:.5f}")
+            for p in document["points"]
+        ),
+    )  # fmt: skip
+    choice = document["choice"]
+    if choice is None:
+        print("No combination keeps within what was asked.")
+    else:
+        named = ", ".join(f"{stage}: {name}" for stage, name in choice["names"].items())
+        print(f"Take {named}: {choice['seconds']:.2f} s a frame, error {choice['error']:.5f} (squares added).")
+        print(f"In the job file: {document['job']}")
+    print(f"Written: {', '.join(document['files'])}")
+    return 0 if choice else 1

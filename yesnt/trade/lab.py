@@ -1,0 +1,168 @@
+"""A few frames of a shot held in memory, so that one stage after another can be tried with other settings."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yesnt import settings as of
+from yesnt.camera import Camera
+from yesnt.color import srgb_encode
+from yesnt.decompose.confidence import confidence
+from yesnt.decompose.registry import open_backend
+from yesnt.decompose.reuse import Link, carry_back
+from yesnt.decompose.settings import EnsembleSettings, keyframe_after
+from yesnt.io import capture
+from yesnt.io.jobfile import frame_path
+from yesnt.session import Session
+from yesnt.tasks import env_map
+from yesnt.temporal import FlowSettings, flow_and_validity, robust_confidence, solve
+
+Float32 = NDArray[np.float32]
+
+
+@dataclass
+class Spent:
+    """Processor seconds of one stage, and evaluations of the network."""
+
+    seconds: float = 0.0
+    evaluations: int = 0
+
+    @contextmanager
+    def counted(self) -> Iterator[None]:
+        """Adds the processor time inside."""
+        start = time.process_time()
+        try:
+            yield
+        finally:
+            self.seconds += time.process_time() - start
+
+
+@dataclass
+class Lab:
+    """The kernels of every stage on some frames in a row.
+
+    Attributes:
+        session: the shot.
+        frames: their numbers.
+    """
+
+    session: Session
+    frames: tuple[int, ...]
+    _flows: dict[str, tuple[list[Link], Spent]] = field(default_factory=dict)
+    _backends: dict[tuple[tuple[str, Any], ...], Any] = field(default_factory=dict)
+
+    @cached_property
+    def plates(self) -> list[capture.Plate]:
+        """Colour and matte of every frame."""
+        return [capture.read_plate(self.session.job, frame) for frame in self.frames]
+
+    @cached_property
+    def mattes(self) -> NDArray[np.bool_]:
+        """[T, H, W]."""
+        return np.stack([plate.matte > 0.5 for plate in self.plates])
+
+    def links(self, method: str) -> tuple[list[Link], Spent]:
+        """Flow from each frame to the next; found once a method."""
+        if method not in self._flows:
+            spent, links = Spent(), []
+            for now, then in zip(self.plates, self.plates[1:], strict=False):
+                with spent.counted():
+                    found = flow_and_validity(
+                        now.color,
+                        then.color,
+                        now.matte,
+                        then.matte,
+                        FlowSettings(method=method),  # type: ignore[arg-type]
+                    )
+                links.append(Link(*found))
+            self._flows[method] = links, spent
+        return self._flows[method]
+
+    def observe(self, settings: EnsembleSettings, knobs: dict[str, Any], method: str) -> tuple[Float32, Float32, Spent]:
+        """Mean and deviation [2, T, H, W] of the members, keyframes first, then the frames between."""
+        from yesnt.decompose.ensemble import Estimate, estimate_frame
+
+        backend, spent = self._backend(knobs), Spent()
+        links, seed = self.links(method)[0], self.session.job.shot.seed
+        found: dict[int, Estimate] = {}
+        length = len(self.frames)
+        keys = {p: keyframe_after(p, length, settings.keyframe_step) for p in range(length)}
+        for position in sorted(keys, key=lambda p: keys[p] != p):
+            key, plate = keys[position], self.plates[position]
+            with spent.counted():
+                prior = None
+                if key != position:
+                    way = self.mattes[position : key + 1]
+                    prior = carry_back(found[key].mean, found[key].std, links[position:key], list(way), settings)
+                found[position] = estimate_frame(
+                    plate.color, plate.matte, backend, settings, seed, self.frames[position], prior
+                )
+            spent.evaluations += found[position].total_evaluations
+        mean, std = (np.stack([getattr(found[p], name) for p in range(length)], axis=1) for name in ("mean", "std"))
+        return mean, std, spent
+
+    def fuse(self, mean: Float32, std: Float32, method: str, tolerance: float) -> tuple[Float32, Spent]:
+        """The temporal solve [2, T, H, W] of what was observed, with the shot's own energy."""
+        shot, spent = self.session.job.shot, Spent()
+        links = self.links(method)[0]
+        flow, validity = np.stack([link.flow for link in links]), np.stack([link.validity for link in links])
+        with spent.counted():
+            weight = confidence(std)
+            if shot.temporal.robust:
+                weight, _ = robust_confidence(mean, weight, flow, validity, self.mattes)
+            value = solve(mean, weight, flow, validity, of.energy_params(shot), self.mattes, tolerance).value
+        return value, spent
+
+    def shown(self, material: Float32, quality: str) -> tuple[Float32, Spent]:
+        """The middle frame relit, display-referred [n, 3] inside the matte."""
+        from yesnt.relight import FrameInputs, Surface, relight_frame
+
+        middle, settings, spent = len(self.frames) // 2, self._relight_settings(quality), Spent()
+        job, plate, frame = self.session.job, self.plates[middle], self.frames[middle]
+        seen, camera = capture.read_surface(job, frame, self._camera), self._camera
+        light, captured = self._lights(quality)
+        with spent.counted():
+            roughness, metallic = material[:, middle]
+            surface = Surface(seen.normal, seen.z, plate.matte, roughness, metallic, camera, frame)
+            relit = relight_frame(FrameInputs(plate.color, surface), light, captured, self._proxy(frame), settings)
+        return srgb_encode(relit.radiance)[plate.matte > 0.5].astype(np.float32), spent
+
+    @cached_property
+    def _camera(self) -> Camera:
+        return Camera.open(frame_path(self.session.job.root, self.session.job.shot.camera, 0))
+
+    def _relight_settings(self, quality: str) -> Any:
+        return of.relight_settings(self.session.job.shot.model_copy(update={"quality": quality}))
+
+    def _lights(self, quality: str) -> tuple[Any, Any]:
+        """The new light and the capture light, prepared; once a shot, so it is not counted to a frame."""
+        from yesnt.relight import prepare_capture, prepare_relight
+
+        job, settings = self.session.job, self._relight_settings(quality)
+        new, old = (env_map(job.root, spec) for spec in (job.shot.light, job.shot.capture_light))
+        return prepare_relight(new, settings), prepare_capture(old, settings)
+
+    def _proxy(self, frame: int) -> Any:
+        from yesnt.io.mesh import read_mesh
+        from yesnt.relight import ProxyScene
+
+        job = self.session.job
+        if job.shot.proxy is None:
+            return None
+        mesh = read_mesh(frame_path(job.root, job.shot.proxy.path, frame))
+        return ProxyScene.from_arrays(mesh.vertices, mesh.faces)
+
+    def _backend(self, knobs: dict[str, Any]) -> Any:
+        key, shot = tuple(sorted(knobs.items())), self.session.job.shot
+        if key not in self._backends:
+            weights = of.weights_path(self.session.job.root, shot)
+            self._backends = {key: open_backend(shot.decompose.backend, weights, shot.decompose.accept_license, knobs)}
+        return self._backends[key]

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.stats import spearmanr
+from scipy.stats import mannwhitneyu, spearmanr
 
 from yesnt.metrics.material import area_under_curve, ause, measure_material, sparsification, spearman
 
@@ -51,3 +51,16 @@ def test_a_spread_that_orders_the_errors_has_no_area(rng):
 def test_the_oracles_curve_falls(rng):
     error = rng.normal(size=500)
     assert (np.diff(sparsification(error, np.abs(error))) <= 0).all()
+
+
+def test_auc_equals_scipys_mann_whitney(rng):
+    score, positive = rng.integers(0, 9, 300).astype(float), rng.random(300) < 0.3
+    theirs = mannwhitneyu(score[positive], score[~positive]).statistic / (positive.sum() * (~positive).sum())
+    assert area_under_curve(score, positive) == pytest.approx(theirs)
+
+
+def test_sparsification_equals_its_words(rng):
+    error, std = rng.normal(size=200), rng.random(200)
+    for share, value in zip(np.linspace(1, 0.05, 20), sparsification(error, std), strict=True):
+        kept = sorted(range(200), key=lambda i: std[i])[: round(share * 200)]
+        assert value == pytest.approx(math.sqrt(sum(error[i] ** 2 for i in kept) / len(kept)))

@@ -32,6 +32,22 @@ def test_a_constant_error_is_no_flicker_and_an_alternating_one_is(film):
     assert tpsnr_warp(flicker, FLOW, SEEN, MATTE) == pytest.approx(-20 * math.log10(0.2), abs=1e-3)
 
 
+def test_warping_equals_scipys_bilinear_sampling(film):
+    from scipy.ndimage import map_coordinates
+
+    flow = np.random.default_rng(12).uniform(-1.5, 1.5, FLOW.shape).astype(np.float32)
+    inner = np.zeros_like(SEEN)
+    inner[:, 3:-3, 3:-3] = True
+    rows, columns = np.indices((20, 20))
+    errors = []
+    for t in range(3):
+        at = [rows + flow[t, ..., 1], columns + flow[t, ..., 0]]
+        fetched = np.stack([map_coordinates(film[t + 1][..., c], at, order=1) for c in range(3)], -1)
+        errors.append((fetched - film[t])[inner[t]])
+    theirs = -10 * math.log10(np.mean(np.square(errors)))
+    assert tpsnr_warp(film, flow, inner, MATTE) == pytest.approx(theirs, abs=1e-3)
+
+
 def test_a_frozen_film_is_told_by_tlp():
     truth = np.array([0.1, 0.3])
     found = {m.name: m.value for m in measure_lengths(np.zeros(2), truth)}

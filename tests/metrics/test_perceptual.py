@@ -48,6 +48,30 @@ def test_more_noise_is_farther(net, picture):
     assert 0 < near < far
 
 
+@pytest.fixture(scope="module")
+def noisy():
+    """The pair of pictures that the authors' own code was run on."""
+    first = np.random.default_rng(5).random((12, 9, 3)).repeat(8, 0).repeat(8, 1)
+    return first, np.clip(first + np.random.default_rng(6).normal(0, 0.1, first.shape), 0, 1)
+
+
+AUTHORS = {"lpips": 0.11891353875398636, "stlpips": 0.016416270285844803}
+"""What lpips 0.1.4 and stlpips-pytorch 0.0.2 themselves give for the pair with the weights of `random_state`."""
+
+
+def test_equals_the_authors_implementation(net, noisy):
+    assert net.distance(*noisy) == pytest.approx(AUTHORS[net.name], rel=1e-5)
+
+
+def test_published_weights_give_the_authors_number(noisy):
+    from yesnt.evaluation.nets import open_nets
+
+    nets = open_nets(None)
+    if not nets:
+        pytest.skip("the extra yesnt[metrics] is not installed")
+    assert nets[0].distance(*noisy) == pytest.approx(0.04366084188222885, rel=1e-5)
+
+
 def test_small_pictures_are_padded(net):
     assert net.distance(np.zeros((9, 12, 3)), np.ones((9, 12, 3))) > 0
 

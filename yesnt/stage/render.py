@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import shutil
 import time
 from collections.abc import Mapping
@@ -36,6 +37,7 @@ class Receipt:
         files: path below the folder -> sha256.
         seconds: that the attempt which finished took.
         rendered: pictures that this call rendered; 0 where all were there.
+        cpu_seconds: processor time of this process and of Blender in the attempt that finished.
     """
 
     key: str
@@ -43,6 +45,7 @@ class Receipt:
     files: Mapping[str, str]
     seconds: float
     rendered: int
+    cpu_seconds: float = 0.0
 
 
 def find_receipt(job: RenderJob, out_dir: Path) -> Receipt | None:
@@ -53,7 +56,9 @@ def find_receipt(job: RenderJob, out_dir: Path) -> Receipt | None:
         whole = all(_digest(folder / name) == digest for name, digest in data["files"].items())
     except (OSError, ValueError, KeyError):
         return None
-    return Receipt(job.key, str(folder), data["files"], data["seconds"], 0) if whole else None
+    if not whole:
+        return None
+    return Receipt(job.key, str(folder), data["files"], data["seconds"], 0, data.get("cpu_seconds", 0.0))
 
 
 def render(job: RenderJob, out_dir: Path, tools: Tools) -> Receipt:
@@ -74,7 +79,7 @@ def render(job: RenderJob, out_dir: Path, tools: Tools) -> Receipt:
     done = find_receipt(job, out_dir)
     if done is not None:
         return done
-    start = time.perf_counter()
+    start, busy = time.perf_counter(), _cpu_seconds()
     folder = shot_folder(job, out_dir)
     raw = folder / _RECORDS / f"raw-{job.key[:16]}"
     for path in (raw, folder / "env", folder / "truth"):
@@ -86,11 +91,18 @@ def render(job: RenderJob, out_dir: Path, tools: Tools) -> Receipt:
     if SETS[job.set_name].completes is None:
         files += write_static_files(job, folder, tools)
     digests = {name: _digest(folder / name) for name in sorted(files)}
-    receipt = Receipt(job.key, str(folder), digests, time.perf_counter() - start, len(missing))
-    record = {"key": job.key, "job": job.to_json(), "files": digests, "seconds": receipt.seconds}
+    seconds, busy = time.perf_counter() - start, _cpu_seconds() - busy
+    receipt = Receipt(job.key, str(folder), digests, seconds, len(missing), busy)
+    record = {"key": job.key, "job": job.to_json(), "files": digests, "seconds": seconds, "cpu_seconds": busy}
     write_json(_record_path(job, folder), record)
     shutil.rmtree(raw)
     return receipt
+
+
+def _cpu_seconds() -> float:
+    """Processor time of this process and of its children that have ended."""
+    used = os.times()
+    return used.user + used.system + used.children_user + used.children_system
 
 
 def _record_path(job: RenderJob, folder: Path) -> Path:

@@ -20,6 +20,7 @@ def run_here(path: Path, until: str = "decompose", frames: str | None = None, or
     FrameStore.create(
         session.output.store, plan.arrays(), len(session.job.frames), session.job.height, session.job.width
     )
+    session.output.exr.mkdir(parents=True, exist_ok=True)
     waiting = [node for node in graph if not is_done(session.book, node)]
     while waiting:
         names = {node.id for node in waiting}

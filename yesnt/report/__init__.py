@@ -27,8 +27,13 @@ def write_report(session: Session) -> Path:
     images = {name: "data:image/png;base64," + base64.b64encode(png).decode() for name, png in draw(session).items()}
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
     template = environment.from_string(TEMPLATE.read_text())
+    curve = session.output.run / "trade.svg"
     page = template.render(
-        facts=facts, images=images, timeline=timeline_svg(facts["tasks"]), job=json.dumps(facts["job"], indent=1)
+        facts=facts,
+        images=images,
+        timeline=timeline_svg(facts["tasks"]),
+        curve=curve.read_text() if curve.exists() else "",
+        job=json.dumps(facts["job"], indent=1),
     )
     path = session.output.run / "report.html"
     write_bytes(path, page.encode())

@@ -11,6 +11,7 @@ from typing import Any
 from yesnt.audit import states
 from yesnt.session import Session
 from yesnt.stages import STAGES, stage_of
+from yesnt.trade.run import read_trade
 
 
 def gather(session: Session) -> dict[str, Any]:
@@ -29,6 +30,8 @@ def gather(session: Session) -> dict[str, Any]:
             {"stage": s.stage, "frame": s.frame, "state": s.state, "why": s.why} for s in found if s.state != "done"
         ],
         "solver": _solver([r.facts for r in records if r is not None and r.stage == "solve"]),
+        "sampling": _sampling([r for r in records if r is not None and r.stage == "decompose"]),
+        "trade": read_trade(session.output.run),
         "tasks": _tasks(session),
         "job": session.job.shot.model_dump(mode="json"),
     }
@@ -53,6 +56,14 @@ def _solver(facts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         name: max((fact[name] for fact in facts if name in fact), default=None)
         for name in ("iterations", "gap", "pixels")
     }
+
+
+def _sampling(records: Sequence[Any]) -> dict[str, Any]:
+    """Network evaluations in all, and of the cheapest and the dearest frame."""
+    spent = [record.facts["evaluations"] for record in records if "evaluations" in record.facts]
+    if not spent:
+        return {}
+    return {"total": round(sum(spent)), "least": round(min(spent)), "most": round(max(spent)), "frames": len(spent)}
 
 
 def _tasks(session: Session) -> list[dict[str, Any]]:

@@ -14,6 +14,8 @@ from yesnt.session import Session
 
 STRIP_FRAMES = 3
 
+HEAT_FRAMES = 4
+
 Float32 = NDArray[np.float32]
 
 
@@ -27,6 +29,9 @@ def draw(session: Session) -> dict[str, bytes]:
     chosen = delivered[:: max(1, len(delivered) // STRIP_FRAMES)][:STRIP_FRAMES]
     if chosen:
         pictures["strip"] = png(np.concatenate([_strip(session, frame) for frame in chosen], axis=0))
+    heat = _evaluations(session)
+    if heat is not None:
+        pictures["evaluations"] = png(heat)
     slices = _slices(session)
     if slices is not None:
         pictures["slices"] = png(slices)
@@ -54,6 +59,25 @@ def _strip(session: Session, frame: int) -> Float32:
         srgb_encode(image.stack("RGB")),
     ]
     return np.concatenate(panels, axis=1).astype(np.float32)
+
+
+def _evaluations(session: Session) -> Float32 | None:
+    """Where network evaluations went: up to four frames side by side, black: none, bright: the most."""
+    import cv2
+
+    store, book = FrameStore(session.output.store), session.book
+    records = [book.find("decompose", frame) for frame in session.job.frames]
+    drawn = [r for r in records if r is not None and "evaluations" in r.arrays]
+    chosen = drawn[:: max(1, len(drawn) // HEAT_FRAMES)][:HEAT_FRAMES]
+    try:
+        maps = [store.read("evaluations", session.job.position(r.frame), r.arrays["evaluations"])[0] for r in chosen]
+    except (YesntError, KeyError, OSError):
+        return None
+    if not maps:
+        return None
+    scaled = np.concatenate(maps, axis=1) / max(float(np.max(maps)), 1.0)
+    colors = cv2.applyColorMap((255 * scaled + 0.5).astype(np.uint8), cv2.COLORMAP_INFERNO)
+    return (colors[..., ::-1] / 255).astype(np.float32)
 
 
 def _slices(session: Session) -> Float32 | None:

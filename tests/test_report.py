@@ -1,0 +1,39 @@
+"""The report of a run is one self-contained page, with what there is and without what there is not."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from tests.in_process import run_here
+from tests.tiny_shot import write_tiny_shot
+from yesnt.report import write_report
+from yesnt.session import Session
+
+DECOMPOSE = {"backend": "embedded", "samples": 2, "knobs": {"keyframe_step": 3, "steps": 1}}
+
+
+def test_a_finished_shot_shows_where_evaluations_went_and_the_measured_curve(tmp_path: Path) -> None:
+    session = run_here(write_tiny_shot(tmp_path / "shot", 3, decompose=DECOMPOSE), until="composite")
+    page = write_report(session).read_text()
+    assert "Where network evaluations went" in page
+    assert "Speed against accuracy" not in page
+    assert "src=" in page
+    assert all(part.startswith("data:image/png") for part in page.split('src="')[1:]), "nothing is fetched"
+    facts = json.loads((session.output.run / "report.json").read_text())
+    assert facts["sampling"]["total"] == sum(
+        session.book.find("decompose", frame).facts["evaluations"] for frame in session.job.frames
+    )
+    (session.output.run / "trade.json").write_text("{}")
+    (session.output.run / "trade.svg").write_text("<svg id='curve'></svg>")
+    page = write_report(session).read_text()
+    assert "Speed against accuracy" in page
+    assert "<svg id='curve'>" in page
+
+
+def test_a_shot_that_was_not_run_has_a_page_that_says_so(tmp_path: Path) -> None:
+    session = Session(write_tiny_shot(tmp_path / "shot", 2))
+    session.output.run.mkdir(parents=True)
+    page = write_report(session).read_text()
+    assert "Not done" in page
+    assert "Where network evaluations went" not in page

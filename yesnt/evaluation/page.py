@@ -10,7 +10,7 @@ from typing import Any
 
 from yesnt.evaluation.film import MATERIAL_STRIP, PLANES
 from yesnt.evaluation.pictures import MATERIAL_PANELS, PANELS
-from yesnt.evaluation.table import Table, headline, number, tables
+from yesnt.evaluation.table import Table, headline, number, tables, title
 from yesnt.io.durable import write_bytes
 
 _STYLE = """
@@ -29,7 +29,7 @@ _BESIDE = ("psnr", "psnr_aligned", "ssim", "flip", "hdr_flip", "stlpips")
 
 def write_page(path: Path, document: Mapping[str, Any], output: Path) -> None:
     """Writes the page; pictures come from the evaluation's folder."""
-    parts = [f"<h1>Evaluation of {escape(str(document.get('folder', '')))}</h1><p>{escape(headline(document))}</p>"]
+    parts = [f"<h1>Evaluation of {escape(title(document))}</h1><p>{escape(headline(document))}</p>"]
     parts += [_table(table) for table in tables(document)]
     parts += [
         _calibration(document),

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -114,7 +115,8 @@ def run_evaluation(
             drive(plan, ladder_graph(plan))
     document = summarise(plans, constants)
     document |= measured_elsewhere(output)
-    document |= {"folder": str(folder), "seconds": time.time() - started}
+    day = datetime.now(UTC).date().isoformat()
+    document |= {"folder": str(folder), "date": day, "seconds": time.time() - started}
     result = EvalResult(document, output, drive.failed)
     write_json(result.json, document)
     write_bytes(result.markdown, as_markdown(document).encode())

@@ -81,6 +81,7 @@ def _shot(plan: EvalPlan) -> dict[str, Any]:
         "maps": {name: list(plan.judged(name)) for name, _ in plan.subject.maps}, "quality": job.shot.quality,
         "lacking": plan.lacking,
         "backend": None if plan.lacking or backend is None else backend.name,
+        "weights": None if plan.lacking or backend is None else backend.weights,
     }  # fmt: skip
 
 

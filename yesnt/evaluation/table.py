@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from yesnt.evaluation.margins import PAPER, PAPER_FILM
@@ -64,7 +65,7 @@ def tables(document: Mapping[str, Any]) -> tuple[Table, ...]:
 
 def as_markdown(document: Mapping[str, Any]) -> str:
     """All tables and their definitions as Markdown."""
-    parts = [f"# Evaluation of {document.get('folder', 'a set')}", headline(document)]
+    parts = [f"# Evaluation of {title(document)}", headline(document)]
     for table in tables(document):
         parts.append(f"## {table.title}")
         lines = [table.header, tuple("---" for _ in table.header), *table.lines]
@@ -73,12 +74,20 @@ def as_markdown(document: Mapping[str, Any]) -> str:
     return "\n\n".join(parts) + "\n"
 
 
+def title(document: Mapping[str, Any]) -> str:
+    """Name of the set; the folder's place says nothing to a reader."""
+    return Path(document.get("folder", "a set")).name
+
+
 def headline(document: Mapping[str, Any]) -> str:
     """What was measured and which stage has the largest error, in a few sentences."""
     shots = document["shots"]
     cells = sum(len(shot["maps"]) for shot in shots)
     sizes = sorted({f"{shot['width']}x{shot['height']}" for shot in shots})
     parts = [f"{len(shots)} shots, {cells} pairs of object and map, {', '.join(sizes)}, quality {shots[0]['quality']}."]
+    weights = sorted({shot["weights"][:12] for shot in shots if shot.get("weights")})
+    if document.get("date"):
+        parts.append(f"Measured {document['date']}" + (f", weights {', '.join(weights)}." if weights else "."))
     largest = next((one for one in document["separation"] if one["largest"]), None)
     if largest:
         parts.append(

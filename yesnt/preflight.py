@@ -84,12 +84,34 @@ def inspect(resolved: Resolved) -> list[str]:
     Raises:
         JobError: a picture, mesh or map cannot be used, or the output folder cannot.
     """
+    return inspect_form(resolved) + inspect_content(resolved)
+
+
+def inspect_form(resolved: Resolved) -> list[str]:
+    """What is told in a moment: frames that are too many, sizes, room for the results; returns warnings.
+
+    Raises:
+        JobError: as said.
+    """
     job = resolved.job
     warnings = list(_check_extra_frames(job))
-    camera = Camera.open(frame_path(job.root, job.shot.camera, 0))
-    for pattern in (job.shot.plate.path, job.shot.gbuffer.path):  # cheap first: sizes of all before pixels of any
+    for pattern in (job.shot.plate.path, job.shot.gbuffer.path):
         for frame in job.frames:
             capture.check_size(job, read_header(frame_path(job.root, pattern, frame)))
+    output = OutputFolder.of(job)
+    output.check(len(job.frames) * job.width * job.height * STORE_BYTES_PER_PIXEL // 2)
+    output.refuse_if_running()
+    return warnings
+
+
+def inspect_content(resolved: Resolved) -> list[str]:
+    """Decodes every picture, mesh and map; returns warnings.
+
+    Raises:
+        JobError: one of them cannot be used.
+    """
+    job, warnings = resolved.job, []
+    camera = Camera.open(frame_path(job.root, job.shot.camera, 0))
     with ThreadPoolExecutor(READERS) as pool:
         counts = Counter[str]()
         for found in pool.map(lambda frame: _check_frame(job, frame, camera), job.frames):
@@ -101,7 +123,6 @@ def inspect(resolved: Resolved) -> list[str]:
             _, negative = capture.read_radiance(path)
             if negative:
                 warnings.append(f"{role}: {negative} negative values in {path} are read as 0")
-    OutputFolder.of(job).check(len(job.frames) * job.width * job.height * STORE_BYTES_PER_PIXEL // 2)
     return warnings
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,9 +22,9 @@ from yesnt.io.jobfile import parse_frames
 from yesnt.io.output import OutputFolder
 from yesnt.io.records import RecordBook
 from yesnt.io.store import FrameStore
-from yesnt.preflight import Resolved, inspect, resolve
+from yesnt.preflight import Resolved, inspect_content, inspect_form, resolve
 from yesnt.stages import STAGES, ShotPlan, stage_of
-from yesnt.tasks import run_node
+from yesnt.tasks import run_node, worker_modules
 from yesnt.workflows.shot import shot_graph
 
 Listener = Callable[[Mapping[str, Any]], None]
@@ -129,18 +130,22 @@ class Session:
         Raises:
             YesntError: bad input, a full disk, a lost scheduler.
         """
-        warnings = inspect(self.resolved)
-        self.targets(self.graph(), options)  # a wrong option is told before anything is written
+        graph = self.graph()
+        wanted = graph.closure(self.targets(graph, options))  # a wrong option is told before anything is written
+        warnings = inspect_form(self.resolved)
         result = RunResult(warnings=warnings, output=self.output.root)
-        with self.output.lock(), self._events(listen) as tell:
-            sweep_partials(self.output.root)
-            self.output.exr.mkdir(parents=True, exist_ok=True)
-            result.missing = dict(self.marked_dead())
-            with closing(_LazyCluster(options.cluster, tell)) as cluster:
+        with closing(_LazyCluster(options.cluster, worker_modules(self.job.shot))) as cluster:
+            if any(not is_done(self.book, node) for node in wanted):
+                cluster.begin()
+            result.warnings += inspect_content(self.resolved)
+            with self.output.lock(), self._events(listen) as tell:
+                sweep_partials(self.output.root)
+                self.output.exr.mkdir(parents=True, exist_ok=True)
+                result.missing = dict(self.marked_dead())
                 while self._pass(options, result, cluster, tell):
                     pass
-            self._sweep_transients()
-            result.dashboard = cluster.dashboard
+                self._sweep_transients()
+                result.dashboard = cluster.dashboard
         return result
 
     def _pass(self, options: RunOptions, result: RunResult, cluster: _LazyCluster, tell: Listener) -> bool:
@@ -154,7 +159,7 @@ class Session:
         driver = Driver(self.job, graph, self.book, run_node, options.driver, tell)
         reused = driver.reuse()
         tell({"event": "plan", "stages": _count(graph), "reused": _count_ids(reused.reused)})
-        outcome = driver.run(cluster.client()) if driver.remaining else reused
+        outcome = driver.run(cluster.client(tell)) if driver.remaining else reused
         _merge(result.outcome, outcome)
         for reasons in (outcome.failed, outcome.dead):
             for node_id, reason in reasons.items():
@@ -201,23 +206,34 @@ class Session:
 
 
 class _LazyCluster:
-    """Starts the cluster when the first task needs it: a run that has nothing to do starts none."""
+    """A cluster that starts beside other work, and only if there is something to do."""
 
-    def __init__(self, spec: ClusterSpec, tell: Listener) -> None:
-        self._spec, self._tell, self._stack = spec, tell, ExitStack()
-        self._client: Any = None
+    def __init__(self, spec: ClusterSpec, modules: tuple[str, ...]) -> None:
+        self._spec, self._modules, self._stack = spec, modules, ExitStack()
+        self._starter = ThreadPoolExecutor(1, "yesnt-cluster")
+        self._started: Future[Any] | None = None
         self.dashboard = ""
 
-    def client(self) -> Any:
+    def begin(self) -> None:
+        """Starts the workers and their imports in the background; errors are told by `client`."""
+        if self._started is None:
+            self._started = self._starter.submit(
+                lambda: self._stack.enter_context(open_cluster(self._spec, self._modules))
+            )
+
+    def client(self, tell: Listener) -> Any:
         """The client, started if need be."""
-        if self._client is None:
-            self._client = self._stack.enter_context(open_cluster(self._spec))
-            self.dashboard = self._client.dashboard_link or ""
-            self._tell({"event": "cluster", "dashboard": self.dashboard, "scheduler": self._client.scheduler.address})
-        return self._client
+        self.begin()
+        assert self._started is not None
+        client = self._started.result()
+        if not self.dashboard:
+            self.dashboard = client.dashboard_link or ""
+            tell({"event": "cluster", "dashboard": self.dashboard, "scheduler": client.scheduler.address})
+        return client
 
     def close(self) -> None:
         """Stops the workers, if there are any."""
+        self._starter.shutdown(wait=True)
         self._stack.close()
 
 

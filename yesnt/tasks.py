@@ -19,7 +19,7 @@ from yesnt.io import capture
 from yesnt.io.capture import file_digest
 from yesnt.io.exr import write_exr
 from yesnt.io.jobfile import frame_path
-from yesnt.shot import Job, LightInput
+from yesnt.shot import Job, LightInput, Shot
 from yesnt.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -45,6 +45,12 @@ def window(space: Workspace) -> None:
     run(space)
 
 
+def worker_modules(shot: Shot) -> tuple[str, ...]:
+    """What a worker imports before its first task; heavy parts that only some jobs need are imported where chosen."""
+    always = ("yesnt.tasks", "yesnt.temporal.flow", "yesnt.relight.frame", "yesnt.solve_task", "OpenEXR", "trimesh")
+    return always if shot.decompose.path else (*always, "yesnt.decompose.ensemble", "yesnt.decompose.registry", "torch")
+
+
 def decompose(space: Workspace) -> None:
     """Mean and spread of the material of one frame."""
     from yesnt.decompose_task import decompose as run
@@ -58,7 +64,7 @@ def flow(space: Workspace) -> None:
 
     job, frame = space.job, space.node.frames[0]
     after = job.frames[job.position(frame) + 1]
-    now, then = capture.read_plate(job, frame), capture.read_plate(job, after)
+    now, then = space.plate(frame), space.plate(after)
     settings = of.flow_settings(job.shot)
     if job.shot.flow.path is not None:
         vectors = capture.read_flow(job, frame)
@@ -91,7 +97,7 @@ def relight(space: Workspace) -> None:
 
     job, frame = space.job, space.node.frames[0]
     camera = _camera(str(frame_path(job.root, job.shot.camera, 0)))
-    plate, seen = capture.read_plate(job, frame), capture.read_surface(job, frame, camera)
+    plate, seen = space.plate(frame), space.surface(frame, camera)
     roughness, metallic = space.read("solve", "material", frame)
     proxy = _proxy(job, frame)
     with space.kernel():
@@ -115,7 +121,7 @@ def composite(space: Workspace) -> None:
 
     job, frame = space.job, space.node.frames[0]
     camera = _camera(str(frame_path(job.root, job.shot.camera, 0)))
-    plate, surface = capture.read_plate(job, frame), capture.read_surface(job, frame, camera)
+    plate, surface = space.plate(frame), space.surface(frame, camera)
     diffuse, specular, shadow = (space.read("relight", name, frame) for name in ("diffuse", "specular", "shadow"))
     background = capture.read_background(job, frame)
     with space.kernel():

@@ -16,14 +16,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from yesnt.camera import Camera
 from yesnt.errors import CorruptError
 from yesnt.graph import Node
+from yesnt.io import capture
+from yesnt.io.jobfile import frame_path
 from yesnt.io.output import OutputFolder
 from yesnt.io.records import Record, RecordBook
+from yesnt.io.shelf import Shelf, file_identity
 from yesnt.io.store import FrameStore
 from yesnt.shot import Job
 
 Float32 = NDArray[np.float32]
+
+_SHELF = Shelf()
+"""Of this worker process; what it holds is never more than a copy of what is on the disk."""
 
 
 class Workspace:
@@ -55,8 +62,40 @@ class Workspace:
         finally:
             self.kernel_seconds += time.perf_counter() - start
 
+    def plate(self, frame: int) -> capture.Plate:
+        """The plate of a frame; not to be written to, since other stages share it."""
+        spec = self.job.shot.plate
+        identity = file_identity(frame_path(self.job.root, spec.path, frame))
+        return _SHELF.fetch(
+            ("plate", identity, spec.colorspace, self.job.width, self.job.height),
+            lambda: capture.read_plate(self.job, frame),
+            lambda plate: (plate.color, plate.matte),
+        )
+
+    def matte(self, frame: int) -> NDArray[np.bool_]:
+        """Where a frame's matte covers more than half of a pixel, [H, W]; not to be written to.
+
+        Kept beside the plate because the solver wants the mattes of many frames, and these are small.
+        """
+        identity = file_identity(frame_path(self.job.root, self.job.shot.plate.path, frame))
+        return _SHELF.fetch(
+            ("matte", identity, self.job.width, self.job.height),
+            lambda: self.plate(frame).matte > 0.5,
+            lambda matte: (matte,),
+        )
+
+    def surface(self, frame: int, camera: Camera) -> capture.Surface:
+        """The G-buffer of a frame, normals in world space; not to be written to."""
+        spec = self.job.shot.gbuffer
+        files = (file_identity(frame_path(self.job.root, path, frame)) for path in (spec.path, self.job.shot.camera))
+        return _SHELF.fetch(
+            ("surface", *files, spec, frame),
+            lambda: capture.read_surface(self.job, frame, camera),
+            lambda surface: (surface.normal, surface.z),
+        )
+
     def read(self, stage: str, array: str, frame: int) -> Float32:
-        """A committed frame `[C, H, W]` of another stage, proven against its record.
+        """A committed frame `[C, H, W]` of another stage, proven against its record; not to be written to.
 
         Raises:
             CorruptError: not committed, or damaged since.
@@ -67,7 +106,12 @@ class Workspace:
                 f"Stage {stage} has no record of frame {frame}", str(self.book.path(stage, frame)),
                 "a record, since this task was started after it", "run again: the frame will be made",
             )  # fmt: skip
-        return self.store.read(array, self.job.position(frame), record.arrays[array])
+        digest = record.arrays[array]  # of the content: equal digests are equal frames
+        return _SHELF.fetch(
+            ("frame", digest),
+            lambda: self.store.read(array, self.job.position(frame), digest),
+            lambda values: (values,),
+        )
 
     def pending(self) -> tuple[int, ...]:
         """The node's frames that have no record with the right key."""
@@ -83,7 +127,7 @@ class Workspace:
     ) -> None:
         """Writes a frame's arrays and then its record, in this order: the record makes it done."""
         position = self.job.position(frame)
-        digests = {name: self.store.write(name, position, values) for name, values in arrays.items()}
+        digests = {name: self._keep(name, position, values) for name, values in arrays.items()}
         seconds = {"task": self.seconds, "kernel": self.kernel_seconds}
         node = self.node
         self.book.commit(
@@ -92,6 +136,12 @@ class Workspace:
                 {"host": platform.node(), "peak_bytes": peak_bytes(), **(facts or {})},
             )
         )  # fmt: skip
+
+    def _keep(self, name: str, position: int, values: Float32) -> str:
+        """Writes one array and puts it on the shelf: the next stage of this frame most often runs here."""
+        digest = self.store.write(name, position, values)
+        _SHELF.put(("frame", digest), np.array(values, np.float32), values.nbytes)
+        return digest
 
     @property
     def seconds(self) -> float:
@@ -112,7 +162,7 @@ class Workspace:
         """One log per frame and stage; an exception is written with its traceback before it goes on."""
         path = self.output.log_path(self.node.stage, self.node.frames[0])
         path.parent.mkdir(parents=True, exist_ok=True)
-        logger = logging.getLogger(f"yesnt.task.{self.node.stage}.{self.node.index}")
+        logger = logging.getLogger("yesnt.task")  # one name: the registry of loggers never forgets
         handler = _file_handler(path)
         logger.addHandler(handler)
         logger.setLevel(logging.INFO)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from yesnt.errors import CorruptError
 from yesnt.faults import fault_point
 
 PARTIAL = ".partial"
@@ -16,15 +17,17 @@ PARTIAL = ".partial"
 
 
 @contextmanager
-def durable_path(path: Path) -> Iterator[Path]:
+def durable_path(path: Path, prove: Callable[[Path], None] = lambda written: None) -> Iterator[Path]:
     """Yields a temporary path to write to; on success it becomes `path`, on any error it is removed.
 
-    The name holds the process id, so two processes that race for the same file each rename a whole file of their own.
+    `prove` reads the synced file back and raises if it is not what was written. The name holds the process id, so two
+    processes that race for the same file each rename a whole file of their own.
     """
     temporary = path.with_name(f".{path.name}.{os.getpid()}{PARTIAL}")
     try:
         yield temporary
         sync_file(temporary)
+        prove(temporary)
         fault_point(f"{path.suffix.lstrip('.') or 'shard'}.before_rename")  # shards are the files without a suffix
         os.replace(temporary, path)
         sync_folder(path.parent)
@@ -49,8 +52,17 @@ def sync_folder(folder: Path) -> None:
 
 
 def write_bytes(path: Path, data: bytes) -> None:
-    """Writes a whole file durably."""
-    with durable_path(path) as temporary:
+    """Writes a whole file durably; its bytes are read back before it gets its name.
+
+    Raises:
+        CorruptError: what was read back is not what was written.
+    """
+
+    def prove(written: Path) -> None:
+        if written.read_bytes() != data:
+            raise CorruptError("A file did not read back as written", str(path), "equal bytes", "check the disk")
+
+    with durable_path(path, prove) as temporary:
         temporary.write_bytes(data)
 
 

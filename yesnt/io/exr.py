@@ -133,16 +133,21 @@ def write_exr(
         **(attributes or {}),
     }
     planes = {name: np.ascontiguousarray(plane) for name, plane in channels.items()}
-    with durable_path(path) as temporary:
-        with OpenEXR.File(header, dict(planes)) as target:  # it replaces the values of its argument
-            target.write(str(temporary))
-        with OpenEXR.File(str(temporary), separate_channels=True) as written:
-            back = {name: channel.pixels for name, channel in written.channels().items()}
+
+    def prove(written: Path) -> None:
+        with OpenEXR.File(str(written), separate_channels=True) as source:
+            back = {name: channel.pixels for name, channel in source.channels().items()}
         for name, plane in planes.items():
             if name not in back or not np.array_equal(back[name].view(np.uint8), plane.view(np.uint8)):
                 raise CorruptError(
                     f"Channel {name} did not read back as written", str(path), "equal bits", "check the disk"
                 )
+
+    with (
+        durable_path(path, prove) as temporary,
+        OpenEXR.File(header, dict(planes)) as target,  # it replaces the values of its argument
+    ):
+        target.write(str(temporary))
 
 
 def _open(path: str | Path) -> Any:

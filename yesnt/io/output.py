@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TextIO
 
 from yesnt.errors import JobError
 from yesnt.shot import Job
@@ -96,20 +97,36 @@ class OutputFolder:
             JobError: another driver runs this job; says which.
         """
         self.run.mkdir(parents=True, exist_ok=True)
-        path = self.run / "driver.lock"
-        with path.open("a+") as stream:
-            try:
-                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError as error:
-                stream.seek(0)
-                owner = stream.read() or "another process"
-                raise JobError(
-                    f"This job is being run already by {owner}",
-                    str(path),
-                    "one driver a job",
-                    "wait for it, or stop it",
-                ) from error
+        with self._lock_file.open("a+") as stream:
+            self._take(stream)
             stream.truncate(0)
             stream.write(json.dumps({"host": platform.node(), "pid": os.getpid()}))
             stream.flush()
             yield
+
+    def refuse_if_running(self) -> None:
+        """Refuses a job that another driver runs, without taking the lock and without writing anything.
+
+        Raises:
+            JobError: as said.
+        """
+        if self._lock_file.exists():
+            with self._lock_file.open("a+") as stream:
+                self._take(stream)
+
+    @property
+    def _lock_file(self) -> Path:
+        return self.run / "driver.lock"
+
+    def _take(self, stream: TextIO) -> None:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            stream.seek(0)
+            owner = stream.read() or "another process"
+            raise JobError(
+                f"This job is being run already by {owner}",
+                str(self._lock_file),
+                "one driver a job",
+                "wait for it, or stop it",
+            ) from error

@@ -7,9 +7,8 @@ is checked against the digest in that record.
 
 from __future__ import annotations
 
-import asyncio
 import hashlib
-from functools import cached_property
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -23,18 +22,22 @@ from yesnt.channels import CHANNELS
 from yesnt.errors import CorruptError
 from yesnt.io.durable import write_bytes
 
-_INNER = 256
-"""Side of the inner chunks: a solver reads bands of rows without decoding whole frames."""
+_ROWS = 256
+"""Most rows of an inner chunk, which holds all components at full width. A solver reads bands of rows without decoding
+whole frames; a small frame is one or two chunks, since Zarr's own work for a chunk costs more than coding 100 kB."""
 
 
 class DurableStore(LocalStore):
     """A local store whose files survive a power cut: Zarr's own renames atomically but never syncs."""
 
     async def set(self, key: str, value: Any) -> None:
-        """Writes one value whole, synced, before it gets its name."""
+        """Writes one value whole, synced and read back, before it gets its name.
+
+        It blocks Zarr's event loop, on which nothing else waits: a worker writes one shard at a time.
+        """
         path = Path(self.root) / key
         path.parent.mkdir(parents=True, exist_ok=True)
-        await asyncio.to_thread(write_bytes, path, value.to_bytes())
+        write_bytes(path, value.to_bytes())
 
 
 class FrameStore:
@@ -47,9 +50,14 @@ class FrameStore:
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
 
-    @cached_property
-    def _group(self) -> zarr.Group:
-        return zarr.open_group(DurableStore(self.path), mode="r+")
+    def _array(self, name: str) -> zarr.Array:
+        """An array of the store; opened anew only if its metadata have changed since."""
+        folder = self.path / name
+        try:
+            metadata = (folder / "zarr.json").read_bytes()
+        except FileNotFoundError as error:
+            raise _corrupt(self.path, name, -1, "the array is not in the store") from error
+        return _opened(str(folder), metadata)
 
     @classmethod
     def create(cls, path: Path, arrays: dict[str, str], length: int, height: int, width: int) -> FrameStore:
@@ -63,6 +71,7 @@ class FrameStore:
             width: columns.
         """
         group = zarr.open_group(DurableStore(path), mode="a")
+        rows = chunk_rows(height)
         for name, channel_name in arrays.items():
             channel = CHANNELS[channel_name]
             shape = (length, channel.components, height, width)
@@ -72,8 +81,8 @@ class FrameStore:
                 name,
                 shape=shape,
                 dtype=channel.dtype,
-                shards=(1, channel.components, _ceil(height), _ceil(width)),
-                chunks=(1, 1, _INNER, _INNER) if min(height, width) >= _INNER else (1, 1, _ceil(height), _ceil(width)),
+                shards=(1, channel.components, rows * -(-height // rows), width),
+                chunks=(1, channel.components, rows, width),
                 serializer=BytesCodec(endian="little"),
                 compressors=(ZstdCodec(level=1), Crc32cCodec()),
                 fill_value=float("nan"),
@@ -85,21 +94,18 @@ class FrameStore:
         return cls(path)
 
     def write(self, name: str, position: int, frame: NDArray[np.floating]) -> str:
-        """Writes one whole frame `[C, H, W]`, reads it back and returns its digest.
+        """Writes one whole frame `[C, H, W]`, its bytes read back before they get their name; returns its digest.
 
         Raises:
             ValueError: the shape is not a whole frame of this array.
             CorruptError: what was read back differs.
         """
-        array = self._group[name]
-        assert isinstance(array, zarr.Array)
+        array = self._array(name)
         if frame.shape != array.shape[1:]:
             raise ValueError(f"{name}[{position}]: frame {frame.shape} is not a whole frame {array.shape[1:]}")
         values = np.ascontiguousarray(frame, dtype=array.dtype)
         array[position] = values
-        digest = array_digest(values)
-        self.read(name, position, digest)
-        return digest
+        return array_digest(values)
 
     def read(self, name: str, position: int, digest: str | None = None) -> NDArray[np.float32]:
         """Reads one frame `[C, H, W]`; with a digest, proves that it is the one that was committed.
@@ -107,8 +113,7 @@ class FrameStore:
         Raises:
             CorruptError: damaged, lost, or another frame's bytes.
         """
-        array = self._group[name]
-        assert isinstance(array, zarr.Array)
+        array = self._array(name)
         try:
             values = np.asarray(array[position])
         except (ValueError, RuntimeError, OSError) as error:
@@ -122,6 +127,13 @@ class FrameStore:
         return self.path / name / "c" / str(position) / "0" / "0" / "0"
 
 
+@lru_cache(maxsize=64)
+def _opened(folder: str, metadata: bytes) -> zarr.Array:
+    """Opening an array costs more than reading a small frame; its metadata are part of what it is remembered by."""
+    del metadata
+    return zarr.open_array(DurableStore(folder), mode="r+")
+
+
 def array_digest(values: NDArray[Any]) -> str:
     """BLAKE2b-128 over shape, type and bytes of a decoded array, hexadecimal."""
     values = np.ascontiguousarray(values)
@@ -130,9 +142,9 @@ def array_digest(values: NDArray[Any]) -> str:
     return digest.hexdigest()
 
 
-def _ceil(size: int) -> int:
-    """Shards must be whole numbers of inner chunks."""
-    return size if size < _INNER else -(-size // _INNER) * _INNER
+def chunk_rows(height: int) -> int:
+    """Rows of an inner chunk: as few equal chunks as `_ROWS` allows, so that a shard has next to no padding."""
+    return -(-height // -(-height // _ROWS))
 
 
 def _corrupt(path: Path, name: str, position: int, why: str) -> CorruptError:

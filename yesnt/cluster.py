@@ -148,7 +148,7 @@ def _address(spec: ClusterSpec) -> Iterator[Any]:
     else:
         raise UsageError(
             f"No cluster of the kind {spec.kind!r}", "--cluster", "local, tcp://127.0.0.1:PORT or tls://HOST:PORT",
-            "start a scheduler and workers (deploy/README.md: by SSH, or by your farm's own means) and give its address",
+            "start a scheduler and workers by SSH or by your farm's own means (deploy/README.md), and give its address",
         )  # fmt: skip
 
 

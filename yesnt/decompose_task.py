@@ -32,7 +32,7 @@ def decompose(space: Workspace) -> None:
         return
     from yesnt.decompose.ensemble import estimate_frame
 
-    plate = capture.read_plate(job, frame)
+    plate = space.plate(frame)
     backend = _chosen_backend(job)
     settings, prior = of.ensemble_settings(job.shot), _carried(space, plate.matte)
     with space.kernel():
@@ -44,7 +44,7 @@ def decompose(space: Workspace) -> None:
 def window(space: Workspace) -> None:
     """Mean and spread of the material of every frame of one window, drawn together by a video backend."""
     job, frames = space.job, space.node.frames
-    plates = [capture.read_plate(job, frame) for frame in frames]
+    plates = [space.plate(frame) for frame in frames]
     backend = _chosen_backend(job)
     clip = make_clip([p.color for p in plates], [p.matte for p in plates], frames, backend.footprint.window)
     with space.kernel():
@@ -57,7 +57,7 @@ def window(space: Workspace) -> None:
 def _blend_windows(space: Workspace) -> None:
     """Commits a frame that windows have drawn; the cost of a window's member is spread over its frames."""
     frame, mix = space.node.frames[0], space.node.arguments["mix"]
-    matte = capture.read_matte(space.job, frame)
+    matte = space.plate(frame).matte
     means, stds = ([space.read(stage, f"{stage}.{name}", frame) for stage in mix] for name in ("observed", "spread"))
     with space.kernel():
         mean, std = blend(means, stds, list(mix.values()))
@@ -81,7 +81,7 @@ def _carried(space: Workspace, matte: Float32) -> Prior | None:
         return None
     way = job.frames[job.position(frame) : job.position(keyframe)]
     links = [Link(space.read("flow", "flow", f).transpose(1, 2, 0), space.read("flow", "validity", f)[0]) for f in way]
-    mattes = [matte > 0.5, *(capture.read_matte(job, f) > 0.5 for f in (*way[1:], keyframe))]
+    mattes = [matte > 0.5, *(space.matte(f) for f in (*way[1:], keyframe))]
     mean, spread = (space.read("decompose", name, keyframe) for name in ("observed", "spread"))
     with space.kernel():
         return carry_back(mean, spread, links, mattes, of.ensemble_settings(job.shot))

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from yesnt import settings as of
 from yesnt.decompose.confidence import confidence
-from yesnt.io.capture import read_matte
 from yesnt.temporal import Border, border_mask, largest_change, robust_confidence, solve_block
 from yesnt.temporal import solve as solve_whole
 from yesnt.workspace import Workspace
@@ -119,7 +118,7 @@ def _ensemble_confidence(space: Workspace, frames: tuple[int, ...]) -> Float32:
 
 
 def _mattes(space: Workspace, frames: tuple[int, ...]) -> NDArray[np.bool_]:
-    return np.stack([read_matte(space.job, frame) > 0.5 for frame in frames])
+    return np.stack([space.matte(frame) for frame in frames])
 
 
 def _links(space: Workspace, frames: tuple[int, ...]) -> tuple[Float32, Float32]:

@@ -14,7 +14,17 @@ LAYERS = (
     ("errors", "faults", "channels", "shot", "color", "camera", "blocks", "noise"),
     ("temporal", "relight", "decompose", "metrics", "composite"),
     ("io", "stage", "embedded"),
-    ("graph", "settings", "chunks", "stages", "workspace", "decompose_task", "solve_task", "tasks"),
+    (
+        "graph",
+        "settings",
+        "chunks",
+        "stages",
+        "workspace",
+        "decompose_task",
+        "solve_task",
+        "trust_task",
+        "tasks",
+    ),
     ("workflows",),
     (
         "cluster",

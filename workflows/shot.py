@@ -32,7 +32,9 @@ def _nodes(plan: ShotPlan) -> Iterator[Node]:
     yield from map(add, map(plan.flow, plan.linked))
     yield from (add(plan.decompose(frame, keys)) for frame in plan.present if frame in between)
     yield from (add(plan.trust(block, keys)) for block in plan.blocks)
-    yield from (add(plan.solve(sweep, block, keys)) for sweep, block in plan.solved())
+    yield from (add(plan.solve(sweep, chunk, band, keys)) for sweep, chunk, band in plan.solved())
+    if not plan.chunks.whole:
+        yield from (add(plan.join(block, keys)) for block in plan.blocks)
     yield from (add(plan.relight(frame, keys)) for frame in plan.delivered)
     yield from (add(plan.composite(frame, keys)) for frame in plan.delivered)
     if plan.delivered:

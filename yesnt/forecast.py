@@ -46,7 +46,7 @@ COSTS: Mapping[str, Cost] = MappingProxyType(
         "window": Cost(60.0, 2000.0, 4000, 60, 4),
         "decompose": Cost(0.3, 25.0, 550, 300, 4),
         "flow": Cost(0.05, 2.0, 350, 150, 4),
-        "trust": Cost(0.2, 0.5, 400, 60, 2),
+        "trust": Cost(0.2, 0.5, 400, 160, 2),
         "solve": Cost(0.5, 4.0, 400, 160, 2),
         "relight": Cost(0.2, 12.0, 500, 400, 8),
         "composite": Cost(0.05, 1.5, 400, 250, 18),
@@ -90,6 +90,7 @@ class Forecast:
         evaluations: network evaluations of the decomposition that the run would spend.
         halo: frames of halo of the solver's chunks.
         sweeps: exchanges between chunks, at most.
+        bands: of rows that a chunk is solved in; 1: whole.
         left_out: what the scene lets the run skip, and why.
         modelled: what relighting computes, and why.
         warnings: odd inputs.
@@ -99,6 +100,7 @@ class Forecast:
     evaluations: Evaluations
     halo: int
     sweeps: int
+    bands: int
     left_out: tuple[str, ...]
     modelled: tuple[str, ...]
     warnings: tuple[str, ...]
@@ -120,7 +122,8 @@ def forecast(session: Session) -> Forecast:
     rows = tuple(_row(session, graph, stage, reasons[stage]) for stage in STAGES)
     modelled = tuple(f"{term.term}: {term.reason}" for term in _relight_terms(session) if term.modelled)
     spent = forecast_evaluations(session, graph)
-    return Forecast(rows, spent, plan.chunks.halo, plan.exchanges, tuple(_left_out(session)), modelled, tuple(warnings))
+    chunks, left_out = plan.chunks, tuple(_left_out(session))
+    return Forecast(rows, spent, chunks.halo, plan.exchanges, len(chunks.bands), left_out, modelled, tuple(warnings))
 
 
 def _row(session: Session, graph: Graph, stage: str, reasons: list[str]) -> StageForecast:
@@ -131,7 +134,8 @@ def _row(session: Session, graph: Graph, stage: str, reasons: list[str]) -> Stag
     cost, pixels = COSTS[stage], session.job.width * session.job.height
     measured = _measured_seconds(session, nodes)
     model = cost.seconds + cost.seconds_per_megapixel * pixels * _held(nodes) / 1e6
-    sweeps = 1 + session.plan().exchanges / 2 if stage == "solve" else 1
+    sweeps = _solves(session) if stage == "solve" else 1
+    peak = cost.megabytes * 1e6 + cost.bytes_per_pixel * pixels * (1 if stage == "trust" else _held(nodes))
     return StageForecast(
         stage,
         len(todo),
@@ -139,9 +143,16 @@ def _row(session: Session, graph: Graph, stage: str, reasons: list[str]) -> Stag
         _most_frequent(reasons),
         len(todo) * sweeps * (measured if measured is not None else model),
         measured is not None,
-        cost.megabytes * 1e6 + cost.bytes_per_pixel * pixels * _held(nodes),
+        session.chunks.peak_bytes if stage == "solve" else peak,
         sum(len(node.frames) for node in todo) * pixels * cost.disk_bytes_per_pixel,
     )
+
+
+def _solves(session: Session) -> float:
+    """How often a chunk's pixels are solved: in half the exchanges, and more than once where bands overlap."""
+    chunks, height = session.chunks, session.job.height
+    rows = sum(min(height, len(band.outer) + 2 * chunks.reach) for band in chunks.bands)
+    return (1 + session.plan().exchanges / 2) * rows / height
 
 
 def _held(nodes: list[Node]) -> int:

@@ -8,11 +8,12 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from yesnt import settings as of
-from yesnt.chunks import plan_chunks
+from yesnt.chunks import ChunkPlan, Extent, fits_whole, matte_share, plan_chunks
 from yesnt.cluster import ClusterSpec, open_cluster
 from yesnt.driver import Driver, DriverSettings, Outcome, is_done
 from yesnt.errors import UsageError
@@ -83,16 +84,24 @@ class Session:
         self.output = OutputFolder.of(self.job)
         self.book = RecordBook(self.output.records)
 
+    @cached_property
+    def chunks(self) -> ChunkPlan:
+        """How the temporal solve is cut; the mattes are looked at only if a full frame would not fit into memory."""
+        job, params = self.job, of.energy_params(self.job.shot)
+        temporal, length = job.shot.temporal, len(job.frames)
+        extent = Extent(job.height, job.width)
+        if not fits_whole(temporal, length, extent):
+            extent = Extent(job.height, job.width, matte_share(job))
+        return plan_chunks(params, temporal, temporal.tolerance, length, extent)
+
     def plan(self, missing: Missing | None = None) -> ShotPlan:
         """The nodes' builder; frames in `missing` are done without."""
         missing = missing or Missing(self.marked_dead())
-        shot = self.job.shot
-        chunks = plan_chunks(of.energy_params(shot), shot.temporal, shot.temporal.tolerance)
         return ShotPlan(
             self.job,
             self.resolved.digests,
             self.resolved.backend,
-            chunks,
+            self.chunks,
             missing.frames("decompose", "window"),
             missing.frames("flow"),
             missing.frames("solve", "relight", "composite"),

@@ -75,7 +75,10 @@ class FlowInput(_Part):
 
 
 class TemporalInput(_Part):
-    """The energy of method.md section 4 and how it is cut into chunks; `knobs` are fields of EnergyParams."""
+    """The energy of method.md section 4 and how it is cut into chunks; `knobs` are fields of EnergyParams.
+
+    `memory` is what a worker may hold while it solves, in GB: chunks that need more are solved in bands of rows.
+    """
 
     enabled: bool = True
     method: Literal["default", "adam"] = "default"
@@ -84,6 +87,7 @@ class TemporalInput(_Part):
     halo: Annotated[int, Field(ge=0, le=4096)] | None = None
     sweeps: Annotated[int, Field(ge=0, le=256)] | None = None
     robust: bool = True
+    memory: Annotated[float, Field(gt=0, le=4096)] = 2.0
     knobs: dict[str, Knob] = Field(default_factory=dict)
 
 

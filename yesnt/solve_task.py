@@ -1,151 +1,232 @@
-"""Tasks on chunks of frames: how far each frame is trusted, and the temporal solve (see temporal/blocks.py)."""
+"""Solving one block of the temporal energy: a chunk of frames, whole or in a band of rows (see temporal/blocks.py).
+
+Frames are read one at a time and cut to the matte pixels of the block, so that a task's memory follows its block.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from yesnt import settings as of
-from yesnt.decompose.confidence import confidence
-from yesnt.temporal import Border, border_mask, largest_change, robust_confidence, solve_block
-from yesnt.temporal import solve as solve_whole
+from yesnt.blocks import Block
+from yesnt.errors import JobError
+from yesnt.temporal import BlockLists, solve_lists
+from yesnt.temporal.geometry import build_geometry
 from yesnt.workspace import Workspace
 
 Float32 = NDArray[np.float32]
+Mask = NDArray[np.bool_]
 
 SETTLED = 0.1
-"""A chunk is left as it is if its border moved by less than this share of the tolerance since it was solved last."""
-
-
-def trust(space: Workspace) -> None:
-    """Commits the confidence of one chunk: 1 - sigma, less where a frame contradicts its neighbours."""
-    frames = _loaded(space)
-    observed, confidence = _observed(space, frames), _ensemble_confidence(space, frames)
-    facts: dict[str, Any] = {}
-    if space.job.shot.temporal.robust:
-        flow, validity = _links(space, frames)
-        matte = _mattes(space, frames)
-        with space.kernel():
-            confidence, report = robust_confidence(observed, confidence, flow, validity, matte)
-        core = set(space.node.frames)
-        facts["inconsistent"] = [frames[i] for i in report.frames if frames[i] in core]
-    _commit_core(space, "confidence", confidence, facts)
+"""A block is left as it is if its border moved by less than this share of the tolerance since it was solved last."""
 
 
 def solve(space: Workspace) -> None:
-    """Commits the material of one chunk after one sweep."""
-    value, facts = _value(space, _loaded(space))
-    _commit_core(space, _array(space.node.stage), value, facts)
-
-
-def _commit_core(space: Workspace, array: str, values: Float32, facts: dict[str, Any]) -> None:
-    start, pending = space.node.arguments["loaded"][0], set(space.pending())
+    """Commits the material of one block after one sweep, or a chunk's whole frames from its bands."""
+    if "parts" in space.node.arguments:
+        _join(space)
+        return
+    window = _window(space)
+    value, facts = _value(space, window)
+    pending = set(space.pending())
     for position in space.node.arguments["block"].core:
         frame = space.job.frames[position]
         if frame in pending:
-            space.commit(frame, {array: values[:, position - start]}, facts=facts)
+            space.commit(frame, {_array(space.node.stage): _dense(space, window, value, frame)}, facts=facts)
 
 
-def _loaded(space: Workspace) -> tuple[int, ...]:
+def observed(space: Workspace, frame: int) -> Float32:
+    """Mean of the members [2, H, W]; 0.5 for a frame without a decomposition."""
+    if frame in space.node.arguments["absent"]:
+        return np.full((2, space.job.height, space.job.width), 0.5, np.float32)
+    return space.read("decompose", "observed", frame)
+
+
+@dataclass(frozen=True)
+class Window:
+    """What a task loads.
+
+    Attributes:
+        frames: frame numbers.
+        rows: rows of the frame.
+        matte: [T, rows, W].
+        fixed: [T, rows, W], True where a neighbour's value stands.
+    """
+
+    frames: tuple[int, ...]
+    rows: slice
+    matte: Mask
+    fixed: Mask
+
+    def pixels(self, index: int, frame: Float32) -> Float32:
+        """Matte pixels [C, n] of a whole frame [C, H, W] at a position of the window."""
+        return frame[:, self.rows][:, self.matte[index]]
+
+
+def _window(space: Workspace) -> Window:
     start, stop = space.node.arguments["loaded"]
-    return space.job.frames[start:stop]
+    block, band = space.node.arguments["block"], _band(space)
+    frames = space.job.frames[start:stop]
+    reach = _reach(space, frames) if space.node.arguments["now"] else 0
+    rows = slice(max(0, band.outer.start - reach), min(space.job.height, band.outer.stop + reach))
+    matte = np.stack([space.matte(frame)[rows] for frame in frames])
+    fixed = np.ones(matte.shape, bool)
+    inner = slice(block.outer.start - start, block.outer.stop - start)
+    fixed[inner, band.outer.start - rows.start : band.outer.stop - rows.start] = False
+    return Window(frames, rows, matte, fixed)
 
 
-def _value(space: Workspace, frames: tuple[int, ...]) -> tuple[Float32, dict[str, Any]]:
-    """The solved material [2, T, H, W] of the loaded frames, and what the solver says of itself."""
-    observed = _observed(space, frames)
-    if not space.job.shot.temporal.enabled:
-        return observed, {}
-    now = _known(space, frames)
-    if now is None:
-        confidence = np.stack([space.read("trust", "confidence", frame) for frame in frames], axis=1)
-        return _solve(space, frames, observed, confidence, None)
-    seam = _seam(space, frames, now)
-    if seam < SETTLED * space.job.shot.temporal.tolerance:
+def _band(space: Workspace) -> Block:
+    bands: tuple[Block, ...] = space.node.arguments["bands"]
+    return bands[space.node.arguments["band"]]
+
+
+def _reach(space: Workspace, frames: tuple[int, ...]) -> int:
+    """Rows around a band that its links reach: what the flow's records say, at most what the job allows for."""
+    records = [space.book.find("flow", frame) for frame in frames[:-1]]
+    limit: int = space.node.arguments["reach"]
+    return min(limit, max((limit if r is None else int(r.facts.get("reach", limit)) for r in records), default=0))
+
+
+def _value(space: Workspace, window: Window) -> tuple[Float32, dict[str, Any]]:
+    """The solved material [2, N] of the window's matte pixels, and what the solver says of itself."""
+    arguments, temporal = space.node.arguments, space.job.shot.temporal
+    if not temporal.enabled:
+        return _listed(window, lambda frame: observed(space, frame)), {}
+    if not arguments["now"]:
+        return _solve(space, window, None)
+    now = _listed(window, lambda frame: _known(space, arguments["now"][frame], frame))
+    seam = _seam(space, window, now)
+    if seam < SETTLED * temporal.tolerance:
         return now, {"seam": seam, "skipped": True}
-    confidence = np.stack([space.read("trust", "confidence", frame) for frame in frames], axis=1)
-    value, facts = _solve(space, frames, observed, confidence, now)
+    value, facts = _solve(space, window, now)
     return value, facts | {"seam": min(seam, 1.0)}
 
 
-def _seam(space: Workspace, frames: tuple[int, ...], now: Float32) -> float:
-    """How far the border has moved since this chunk was last solved; infinite if it has met no border yet."""
-    then: dict[int, str] = space.node.arguments["then"]
+def _solve(space: Workspace, window: Window, start: Float32 | None) -> tuple[Float32, dict[str, Any]]:
+    temporal, params = space.job.shot.temporal, of.energy_params(space.job.shot)
+    data = _listed(window, lambda frame: observed(space, frame))
+    confidence = _listed(window, lambda frame: space.read("trust", "confidence", frame))
+    links = _Links(space, window)
+    geometry = build_geometry(window.matte, _Part(links, 0), _Part(links, 1), window.fixed)
+    lists = BlockLists(geometry, data, confidence, data if start is None else start)
+    with space.kernel():
+        value, stats = solve_lists(lists, params, SETTLED * temporal.tolerance, temporal.method)
+    facts = {"iterations": stats.iterations, "gap": stats.gap, "pixels": stats.pixels, "rows": window.matte.shape[1]}
+    return value, facts | ({"cut_links": links.cut} if links.cut else {})
+
+
+def _listed(window: Window, read: Any) -> Float32:
+    """Matte pixels [2, N] of all frames of a window; `read` gives a whole frame [2, H, W].
+
+    Raises:
+        JobError: a value is not finite inside the matte; the frame is named.
+    """
+    parts = []
+    for index, frame in enumerate(window.frames):
+        part = window.pixels(index, read(frame))
+        if not np.isfinite(part).all():
+            raise JobError(
+                "The solver was given NaN or infinity", f"frame {frame}, inside the matte", "finite materials",
+                "make the frame again: `yesnt retry`",
+            )  # fmt: skip
+        parts.append(part)
+    return np.concatenate(parts, axis=1)
+
+
+def _known(space: Workspace, stages: Mapping[int, str], frame: int) -> Float32:
+    """A frame as sweeps before left it: [2, H, W], 0 in rows of bands that are not asked for."""
+    bands: tuple[Block, ...] = space.node.arguments["bands"]
+    if len(bands) == 1:
+        return space.read(stages[0], _array(stages[0]), frame)
+    whole = np.zeros((2, space.job.height, space.job.width), np.float32)
+    for index, stage in stages.items():
+        whole[:, bands[index].core.slice] = space.read(stage, stage, frame)
+    return whole
+
+
+def _seam(space: Workspace, window: Window, now: Float32) -> float:
+    """How far the border has moved since this block was last solved; infinite if it has met no border yet."""
+    then: Mapping[int, Mapping[int, str]] = space.node.arguments["then"]
     if not then:
         return np.inf
-    moved = [largest_change(now[:, frames.index(f)], space.read(stage, _array(stage), f)) for f, stage in then.items()]
-    return max(moved)
+    moved, first = 0.0, 0
+    for index, frame in enumerate(window.frames):
+        matte, fixed = window.matte[index], window.fixed[index]
+        count = int(matte.sum())
+        border = fixed[matte]
+        if border.any():
+            before = window.pixels(index, _known(space, then[frame], frame))
+            moved = max(moved, float(np.abs(now[:, first : first + count] - before)[:, border].max()))
+        first += count
+    return moved
 
 
-def _solve(
-    space: Workspace, frames: tuple[int, ...], observed: Float32, confidence: Float32, previous: Float32 | None
-) -> tuple[Float32, dict[str, Any]]:
-    temporal, params = space.job.shot.temporal, of.energy_params(space.job.shot)
-    matte = _mattes(space, frames)
-    flow, validity = _links(space, frames)
-    with space.kernel():
-        if temporal.method == "adam":
-            solution = solve_whole(
-                observed, confidence, flow, validity, params, matte, temporal.tolerance, method="adam"
-            )  # fmt: skip
-        else:
-            border = None
-            if previous is not None:
-                border = Border(previous, border_mask(matte.shape, _border_frames(space)))
-            solution = solve_block(
-                observed, confidence, flow, validity, params, matte, border, SETTLED * temporal.tolerance
-            )  # fmt: skip
-    stats = solution.stats
-    return solution.value, {"iterations": stats.iterations, "gap": stats.gap, "pixels": stats.pixels}
+def _dense(space: Workspace, window: Window, value: Float32, frame: int) -> Float32:
+    """One frame's core rows [2, h, W]: the value inside the matte, what was observed outside."""
+    index, core = window.frames.index(frame), _band(space).core
+    first = int(window.matte[:index].sum())
+    dense = observed(space, frame)[:, window.rows].copy()
+    matte = window.matte[index]
+    dense[:, matte] = value[:, first : first + int(matte.sum())]
+    return dense[:, core.start - window.rows.start : core.stop - window.rows.start]
 
 
-def _observed(space: Workspace, frames: tuple[int, ...]) -> Float32:
-    """Mean of the members [2, T, H, W]; 0.5 for a frame without a decomposition."""
-    middle = np.full((2, space.job.height, space.job.width), 0.5, np.float32)
-    absent = space.node.arguments["absent"]
-    return np.stack([middle if f in absent else space.read("decompose", "observed", f) for f in frames], axis=1)
+def _join(space: Workspace) -> None:
+    """Puts a chunk's bands together; the record tells the worst of them."""
+    parts: Mapping[int, Mapping[int, str]] = space.node.arguments["parts"]
+    for frame in space.pending():
+        records = [space.book.find(stage, frame) for stage in parts[frame].values()]
+        facts: dict[str, Any] = {}
+        for told in (record.facts for record in records if record is not None):
+            for name in {"seam", "gap"} & set(told):
+                facts[name] = max(facts.get(name, 0.0), told[name])
+        space.commit(frame, {"material": _known(space, parts[frame], frame)}, facts=facts)
 
 
-def _ensemble_confidence(space: Workspace, frames: tuple[int, ...]) -> Float32:
-    """1 - sigma of the members [2, T, H, W]; 0 for a frame without a decomposition."""
-    nothing = np.zeros((2, space.job.height, space.job.width), np.float32)
-    absent = space.node.arguments["absent"]
-    return np.stack(
-        [nothing if f in absent else confidence(space.read("decompose", "spread", f)) for f in frames], axis=1
-    )
+class _Links:
+    """Flow [rows, W, 2] and validity [rows, W] of a window, read pair by pair; a pair without flow has validity 0."""
+
+    def __init__(self, space: Workspace, window: Window) -> None:
+        self._space, self._window = space, window
+        self._limit = space.node.arguments["reach"] if len(space.node.arguments["bands"]) > 1 else np.inf
+        self._index, self._pair = -1, (np.zeros(0, np.float32), np.zeros(0, np.float32))
+        self.cut = 0
+
+    def pair(self, index: int) -> tuple[Float32, Float32]:
+        """Flow and validity of a position of the window to the next; the last one read is kept."""
+        if index != self._index:
+            self._index, self._pair = index, self._read(index)
+        return self._pair
+
+    def _read(self, index: int) -> tuple[Float32, Float32]:
+        space, window, frame = self._space, self._window, self._window.frames[index]
+        shape = window.matte.shape[1:]
+        if frame in space.node.arguments["unlinked"]:
+            return np.zeros((*shape, 2), np.float32), np.zeros(shape, np.float32)
+        flow = space.read("flow", "flow", frame)[:, window.rows].transpose(1, 2, 0)
+        validity = space.read("flow", "validity", frame)[0, window.rows].copy()
+        # Bands must agree on the energy, so what one of them cannot follow none does.
+        long = (np.abs(flow[..., 1]) > self._limit - 1) & (validity > 0) & window.matte[index]
+        self.cut += int(long.sum())
+        validity[long] = 0
+        return flow, validity
 
 
-def _mattes(space: Workspace, frames: tuple[int, ...]) -> NDArray[np.bool_]:
-    return np.stack([space.matte(frame) for frame in frames])
+@dataclass(frozen=True)
+class _Part:
+    """One half of the links, as `build_geometry` asks for them."""
 
+    links: _Links
+    half: int
 
-def _links(space: Workspace, frames: tuple[int, ...]) -> tuple[Float32, Float32]:
-    """Flow [T-1, H, W, 2] and validity [T-1, H, W]; a pair without flow has validity 0."""
-    height, width = space.job.height, space.job.width
-    flow = np.zeros((len(frames) - 1, height, width, 2), np.float32)
-    validity = np.zeros((len(frames) - 1, height, width), np.float32)
-    for i, frame in enumerate(frames[:-1]):
-        if frame not in space.node.arguments["unlinked"]:
-            flow[i] = space.read("flow", "flow", frame).transpose(1, 2, 0)
-            validity[i] = space.read("flow", "validity", frame)[0]
-    return flow, validity
-
-
-def _known(space: Workspace, frames: tuple[int, ...]) -> Float32 | None:
-    """What earlier sweeps left of these frames, [2, T, H, W]; None in sweep 0."""
-    stages: dict[int, str] = space.node.arguments["now"]
-    if not stages:
-        return None
-    return np.stack([space.read(stages[f], _array(stages[f]), f) for f in frames], axis=1)
-
-
-def _border_frames(space: Workspace) -> tuple[int, int]:
-    """How many loaded frames before and after the block's outer span are its neighbours'."""
-    outer = space.node.arguments["block"].outer
-    start, stop = space.node.arguments["loaded"]
-    return outer.start - start, stop - outer.stop
+    def __getitem__(self, index: int) -> Float32:
+        return self.links.pair(index)[self.half]
 
 
 def _array(stage: str) -> str:

@@ -11,6 +11,7 @@ import dataclasses
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 from typing import Any
 
 from yesnt import settings as of
@@ -22,6 +23,7 @@ from yesnt.decompose.window import Window, plan_windows
 from yesnt.graph import Node
 from yesnt.io.jobfile import frame_path
 from yesnt.io.records import key_of
+from yesnt.io.store import ArrayForm
 from yesnt.shot import Job
 from yesnt.temporal.outliers import OUTLIER_HALO
 
@@ -54,8 +56,9 @@ STAGES = {
         Stage("decompose", 2, "frame", "plate; between keyframes also a keyframe and the flow to it; or its windows",
               ("observed", "spread", "evaluations")),
         Stage("flow", 1, "frame and the next", "two plates", ("flow", "validity")),
-        Stage("trust", 1, "chunk with halo", "observed, spread, flow, validity", ("confidence",)),
-        Stage("solve", 1, "chunk with halo", "observed, confidence, flow, validity", ("material",)),
+        Stage("trust", 2, "chunk with halo", "observed, spread, flow, validity", ("confidence",)),
+        Stage("solve", 2, "chunk with halo, in bands of rows if large", "observed, confidence, flow, validity",
+              ("material",)),
         Stage("relight", 1, "frame", "plate, G-buffer, proxy, material, light",
               ("base_color", "diffuse", "specular", "shadow")),
         Stage("composite", 1, "frame", "diffuse, specular, background"),
@@ -118,39 +121,47 @@ class ShotPlan:
 
     @property
     def exchanges(self) -> int:
-        """Sweeps after the first solve; none if there is one chunk only."""
-        return 0 if len(self.blocks) == 1 else self.chunks.sweeps
+        """Sweeps after the first solve; none if there is one block only."""
+        return 0 if len(self.blocks) == 1 and self.chunks.whole else self.chunks.sweeps
 
-    def solved(self) -> Iterator[tuple[int, Block]]:
-        """Which chunk is solved in which sweep: all in sweep 0, then odd ones and even ones in turn.
+    def solved(self) -> Iterator[tuple[int, Block, Block]]:
+        """Which block (chunk, band) is solved in which sweep: all in sweep 0, then by turns, as on a chessboard.
 
         Neighbours that were solved side by side would pass each other by; in turn, half the solves do the same work.
         """
         for sweep in range(1 + self.exchanges):
-            yield from ((sweep, block) for block in self.blocks if sweep in self.sweeps_of(block.index))
+            for chunk, band in product(self.blocks, self.chunks.bands):
+                if sweep in self.sweeps_of(chunk.index, band.index):
+                    yield sweep, chunk, band
 
-    def sweeps_of(self, chunk: int) -> tuple[int, ...]:
-        """Sweeps in which a chunk is solved."""
-        return (0, *(sweep for sweep in range(1, 1 + self.exchanges) if sweep % 2 == chunk % 2))
+    def sweeps_of(self, chunk: int, band: int) -> tuple[int, ...]:
+        """Sweeps in which a block is solved."""
+        return (0, *(sweep for sweep in range(1, 1 + self.exchanges) if sweep % 2 == (chunk + band) % 2))
 
-    def solve_stage(self, chunk: int, sweep: int) -> str:
-        """A chunk's last solve is the stage `solve`; those before it are `solve.0`, `solve.1`, ..."""
-        return "solve" if sweep == self.sweeps_of(chunk)[-1] else f"solve.{sweep}"
+    def solve_stage(self, chunk: int, band: int, sweep: int) -> str:
+        """The stage of a solve: the last one of a whole chunk is `solve`; others are `solve.0` or `solve.0.r3`."""
+        if not self.chunks.whole:
+            return f"solve.{sweep}.r{band}"
+        return "solve" if sweep == self.sweeps_of(chunk, band)[-1] else f"solve.{sweep}"
 
-    def _stage_before(self, position: int, sweep: int) -> str:
-        """The stage that holds what was known of a position before a sweep."""
+    def _stages_before(self, position: int, bands: tuple[int, ...], sweep: int) -> dict[int, str]:
+        """The stages that hold what was known of a position's bands before a sweep."""
         chunk = self._chunk_of(position)
-        return self.solve_stage(chunk, max(k for k in self.sweeps_of(chunk) if k < sweep))
+        known = {band: max(k for k in self.sweeps_of(chunk, band) if k < sweep) for band in bands}
+        return {band: self.solve_stage(chunk, band, last) for band, last in known.items()}
 
     def _chunk_of(self, position: int) -> int:
         return next(b.index for b in self.blocks if b.core.start <= position < b.core.stop)
 
-    def arrays(self) -> dict[str, str]:
-        """Arrays of the store and the channel that each holds."""
-        arrays = {name: name for stage in STAGES.values() for name in stage.arrays}
+    def arrays(self) -> dict[str, ArrayForm]:
+        """Arrays of the store and the channel that each holds; for bands with their rows."""
+        arrays: dict[str, ArrayForm] = {name: name for stage in STAGES.values() for name in stage.arrays}
         for lane in sorted({window.lane for window in self.windows}):
             arrays |= {f"window.{lane}.{name}": name for name in ("observed", "spread")}
-        return arrays | {f"solve.{sweep}": "material" for sweep in range(self.exchanges)}
+        if self.chunks.whole:
+            return arrays | {f"solve.{sweep}": "material" for sweep in range(self.exchanges)}
+        bands = product(range(1 + self.exchanges), self.chunks.bands)
+        return arrays | {f"solve.{sweep}.r{band.index}": ("material", len(band.core)) for sweep, band in bands}
 
     @cached_property
     def job_digest(self) -> str:
@@ -240,26 +251,39 @@ class ShotPlan:
         fields = self._fields("trust", settings, {}, self._material(loaded), keys)
         return self._chunk_node("trust", block, loaded, fields, {})
 
-    def solve(self, sweep: int, block: Block, keys: Keys) -> Node:
-        """One chunk of the temporal solve; after sweep 0 it takes its neighbours' frames from the sweeps before."""
-        frames, shot = self.job.frames, self.job.shot
-        loaded = self.chunks.loaded(block, len(frames), sweep)
-        border = [p for p in loaded if p not in range(block.outer.start, block.outer.stop)]
-        last = max((k for k in self.sweeps_of(block.index) if k < sweep), default=0)
-        now = {frames[p]: self._stage_before(p, sweep) for p in loaded} if sweep else {}
-        then = {frames[p]: self._stage_before(p, last) for p in border} if last else {}
+    def solve(self, sweep: int, block: Block, band: Block, keys: Keys) -> Node:
+        """One block of the temporal solve; after sweep 0 it takes its neighbours' frames from the sweeps before."""
+        frames, shot, chunks = self.job.frames, self.job.shot, self.chunks
+        loaded = chunks.loaded(block, len(frames), sweep)
+        last = max((k for k in self.sweeps_of(block.index, band.index) if k < sweep), default=0)
+        bands = chunks.touched(band, sweep)
+        now = {frames[p]: self._stages_before(p, bands, sweep) for p in loaded} if sweep else {}
+        then = {frames[p]: self._stages_before(p, bands, last) for p in loaded} if last else {}
         upstream = [("trust", frames[p]) for p in loaded] + self._material(loaded)
-        upstream += [(stage, frame) for known in (now, then) for frame, stage in known.items()]
+        upstream += [
+            (stage, frame) for known in (now, then) for frame, held in known.items() for stage in held.values()
+        ]  # fmt: skip
         settings = {
             "energy": dataclasses.asdict(of.energy_params(shot)),
             "temporal": shot.temporal.model_dump(mode="json", include={"enabled", "method", "tolerance"}),
             "block": [block.core.start, block.core.stop, block.outer.start, block.outer.stop],
+            "band": None if chunks.whole else [*dataclasses.astuple(band), chunks.reach],
             "absent": sorted(self.absent & {frames[p] for p in loaded}),
             "sweep": sweep,
         }
-        stage = self.solve_stage(block.index, sweep)
+        stage = self.solve_stage(block.index, band.index, sweep)
         fields = self._fields(stage, settings, {}, list(dict.fromkeys(upstream)), keys)
-        return self._chunk_node(stage, block, loaded, fields, {"now": now, "then": then})
+        cut = {"bands": chunks.bands, "band": band.index, "reach": chunks.reach}
+        return self._chunk_node(stage, block, loaded, fields, {"now": now, "then": then, **cut})
+
+    def join(self, block: Block, keys: Keys) -> Node:
+        """The whole frames of a chunk that was solved in bands."""
+        frames, bands = self.job.frames, tuple(band.index for band in self.chunks.bands)
+        parts = {frames[p]: self._stages_before(p, bands, 1 + self.exchanges) for p in block.core}
+        upstream = [(stage, frame) for frame, held in parts.items() for stage in held.values()]
+        fields = self._fields("solve", {"joined": len(bands)}, {}, upstream, keys)
+        loaded = range(block.core.start, block.core.stop)
+        return self._chunk_node("solve", block, loaded, fields, {"parts": parts, "bands": self.chunks.bands})
 
     def relight(self, frame: int, keys: Keys) -> Node:
         """One frame with the capture light taken out and the new light put in."""

@@ -60,6 +60,7 @@ def decompose(space: Workspace) -> None:
 
 def flow(space: Workspace) -> None:
     """Flow of one frame to the next and its validity."""
+    from yesnt.temporal import vertical_reach
     from yesnt.temporal.flow import flow_and_validity, flow_validity
 
     job, frame = space.job, space.node.frames[0]
@@ -74,12 +75,13 @@ def flow(space: Workspace) -> None:
     else:
         with space.kernel():
             vectors, validity = flow_and_validity(now.color, then.color, now.matte, then.matte, settings)
-    space.commit(frame, {"flow": vectors.transpose(2, 0, 1), "validity": validity[None]})
+    facts = {"reach": min(vertical_reach(vectors, validity * (now.matte > 0.5)), job.height)}
+    space.commit(frame, {"flow": vectors.transpose(2, 0, 1), "validity": validity[None]}, facts=facts)
 
 
 def trust(space: Workspace) -> None:
     """The data weight of one chunk."""
-    from yesnt.solve_task import trust as run
+    from yesnt.trust_task import trust as run
 
     run(space)
 

@@ -26,7 +26,8 @@ def print_plan(found: Forecast) -> None:
             f"Network evaluations: {spent.expected:,} expected ({spent.least:,} to {spent.most:,}; {spent.basis}), "
             f"{spent.fixed:,} with all {spent.samples} members on every frame."
         )
-    print(f"Temporal chunks: halo {found.halo} frames, at most {found.sweeps} exchange sweeps.")
+    bands = "" if found.bands == 1 else f", {found.bands} bands of rows"
+    print(f"Temporal chunks: halo {found.halo} frames{bands}, at most {found.sweeps} exchange sweeps.")
     for line in found.modelled:
         print(f"Modelled: {line}.")
     for line in found.left_out:

@@ -8,6 +8,7 @@ is checked against the digest in that record.
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,9 @@ from zarr.storage import LocalStore
 from yesnt.channels import CHANNELS
 from yesnt.errors import CorruptError
 from yesnt.io.durable import write_bytes
+
+ArrayForm = str | tuple[str, int]
+"""A channel's name, or with it the rows of a band."""
 
 _ROWS = 256
 """Most rows of an inner chunk, which holds all components at full width. A solver reads bands of rows without decoding
@@ -60,28 +64,30 @@ class FrameStore:
         return _opened(str(folder), metadata)
 
     @classmethod
-    def create(cls, path: Path, arrays: dict[str, str], length: int, height: int, width: int) -> FrameStore:
+    def create(cls, path: Path, arrays: Mapping[str, ArrayForm], length: int, height: int, width: int) -> FrameStore:
         """Lays the store out before any task runs; arrays that exist in this form are kept.
 
         Args:
             path: folder.
-            arrays: array name -> channel name (`solve.0` holds the channel `material`).
+            arrays: array name -> channel name (`solve.0` holds the channel `material`), or channel name and rows of an
+                array that holds a band of rows.
             length: frames.
             height: rows.
             width: columns.
         """
         group = zarr.open_group(DurableStore(path), mode="a")
-        rows = chunk_rows(height)
-        for name, channel_name in arrays.items():
+        for name, form in arrays.items():
+            channel_name, height_of = (form, height) if isinstance(form, str) else form
+            rows = chunk_rows(height_of)
             channel = CHANNELS[channel_name]
-            shape = (length, channel.components, height, width)
+            shape = (length, channel.components, height_of, width)
             if name in group and getattr(group[name], "shape", None) == shape:
                 continue
             group.create_array(
                 name,
                 shape=shape,
                 dtype=channel.dtype,
-                shards=(1, channel.components, rows * -(-height // rows), width),
+                shards=(1, channel.components, rows * -(-height_of // rows), width),
                 chunks=(1, channel.components, rows, width),
                 serializer=BytesCodec(endian="little"),
                 compressors=(ZstdCodec(level=1), Crc32cCodec()),

@@ -1,13 +1,16 @@
 """Flow, energy and solver: materials that are stable in time (method.md section 4)."""
 
 from yesnt.temporal.blocks import (
+    BlockLists,
     Border,
     band_rows,
     block_bytes,
     border_mask,
     halo_frames,
+    halo_rows,
     largest_change,
     solve_block,
+    solve_lists,
     sweeps_needed,
     vertical_reach,
 )
@@ -24,6 +27,7 @@ from yesnt.temporal.solver import energy, solve
 
 __all__ = [
     "OUTLIER_HALO",
+    "BlockLists",
     "Border",
     "EnergyParams",
     "FlowSettings",
@@ -39,10 +43,12 @@ __all__ = [
     "flow_and_validity",
     "flow_validity",
     "halo_frames",
+    "halo_rows",
     "largest_change",
     "robust_confidence",
     "solve",
     "solve_block",
+    "solve_lists",
     "sweeps_needed",
     "vertical_reach",
 ]

@@ -11,25 +11,32 @@ What a task loads, for a block with core [a, b) and outer span [s, e) of a seque
     sweep k    observed, confidence, matte and the value of sweep k-1 of s-1 .. e (where they exist);
                flow and validity of s-1 .. e-1; border = Border(value, border_mask(...))
 
-and it stores the core's frames only. `largest_change` against sweep k-1 tells when to stop.
+and it stores the core's frames only. `largest_change` against sweep k-1 tells when to stop. A block may also be a band
+of rows: then its border is the rows around it as far as a link reaches (`vertical_reach`).
 """
 
 from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.temporal.newton import Limits, solve_newton
-from yesnt.temporal.params import EnergyParams, Solution
-from yesnt.temporal.solver import channel_problem, check_inputs, collect_stats
+from yesnt.temporal.geometry import Geometry
+from yesnt.temporal.newton import Limits, Problem
+from yesnt.temporal.params import EnergyParams, Solution, SolveStats
+from yesnt.temporal.solver import METHODS, Method, check_inputs, collect_stats
+
+Single = NDArray[np.float32]
 
 BYTES_PER_PIXEL = 150
-"""Lists and work vectors of a solve, bytes per matte pixel of its block (measured: 145)."""
+"""Geometry and work vectors of a solve, bytes per matte pixel of its block (measured: 145)."""
+
+BLOCK_GAP = 1e-4
+"""Certified relative gap of a block, beside the step that its caller asks for."""
 
 
 @dataclass(frozen=True)
@@ -46,13 +53,17 @@ class Border:
     fixed: NDArray[np.bool_]
 
 
-def decay_per_frame(params: EnergyParams, confidence_floor: float) -> float:
-    """The root rho in [0, 1] of rho + 1/rho = 2 + w / (2 lambda2); 0 without temporal term, 1 without data."""
-    if params.lambda2 == 0:
+def decay(coupling: float, weight: float) -> float:
+    """The root rho in [0, 1] of rho + 1/rho = 2 + weight / coupling; 0 without coupling, 1 without data."""
+    if coupling == 0:
         return 0.0
-    ratio = confidence_floor / (2 * params.lambda2)
-    half = 1 + 0.5 * ratio
+    half = 1 + 0.5 * weight / coupling
     return 1.0 / (half + math.sqrt(half * half - 1))  # not half - sqrt(..): that cancels for large ratios
+
+
+def decay_per_frame(params: EnergyParams, confidence_floor: float) -> float:
+    """Decay of an influence from frame to frame along a track of this data weight."""
+    return decay(2 * params.lambda2, confidence_floor)
 
 
 def halo_frames(params: EnergyParams, confidence_floor: float, tolerance: float) -> int:
@@ -66,11 +77,20 @@ def halo_frames(params: EnergyParams, confidence_floor: float, tolerance: float)
     Raises:
         ValueError: the floor is not positive (influence reaches without limit) or the tolerance not in (0, 1).
     """
-    if not confidence_floor > 0:
-        raise ValueError(f"confidence_floor is {confidence_floor}: expected > 0; without data no halo is long enough")
+    return _reach(2 * params.lambda2, confidence_floor, tolerance)
+
+
+def halo_rows(params: EnergyParams, confidence_floor: float, tolerance: float) -> int:
+    """Rows of halo, as `halo_frames`: the total variation couples two rows by at most lambda1 / eps."""
+    return _reach(params.lambda1 / params.eps, confidence_floor, tolerance)
+
+
+def _reach(coupling: float, floor: float, tolerance: float) -> int:
+    if not floor > 0:
+        raise ValueError(f"confidence_floor is {floor}: expected > 0; without data no halo is long enough")
     if not 0 < tolerance < 1:
         raise ValueError(f"tolerance is {tolerance}: expected a share in (0, 1)")
-    rho = decay_per_frame(params, confidence_floor)
+    rho = decay(coupling, floor)
     return 0 if rho == 0 else math.ceil(math.log(tolerance) / math.log(rho))
 
 
@@ -144,18 +164,48 @@ def solve_block(
     fixed = None if border is None else border.fixed
     inputs = check_inputs(observed, confidence, flow, validity, matte, fixed)
     start = inputs.observed if border is None else np.asarray(border.value, np.float32).reshape(inputs.observed.shape)
-    value, states = start.copy(), []
-    for channel in range(len(value)):
-        problem = channel_problem(inputs, channel, params)
-        state = solve_newton(problem, start[channel][inputs.matte].astype(np.float64), Limits(1e-4, tolerance))
-        value[channel][inputs.matte] = state.x
-        states.append(state)
-    stats = collect_stats(states, 1e-4, inputs.geometry.pixels, time.perf_counter() - started)
+    lists = BlockLists(inputs.geometry, *(a[:, inputs.matte] for a in (inputs.observed, inputs.confidence, start)))
+    value = start.copy()
+    value[:, inputs.matte], stats = solve_lists(lists, params, tolerance)
+    stats = replace(stats, seconds=time.perf_counter() - started)
     return Solution(value.reshape(np.shape(observed)), stats)
 
 
+@dataclass(frozen=True)
+class BlockLists:
+    """A block without its empty pixels: a task that reads frame by frame never holds more.
+
+    Attributes:
+        geometry: of the N matte pixels; its fixed pixels are the border.
+        observed: [C, N].
+        confidence: [C, N].
+        start: [C, N] the sweep before, or what was observed; fixed pixels keep it.
+    """
+
+    geometry: Geometry
+    observed: Single
+    confidence: Single
+    start: Single
+
+
+def solve_lists(
+    lists: BlockLists, params: EnergyParams, tolerance: float, method: Method = "default"
+) -> tuple[Single, SolveStats]:
+    """One block of one sweep, as `solve_block`; returns the value [C, N] and what the solver did."""
+    started = time.perf_counter()
+    run, outer = METHODS[method]
+    limits = Limits(BLOCK_GAP, tolerance if method == "default" else np.inf, outer)
+    value, states = lists.start.copy(), []
+    for channel, start in enumerate(lists.start):
+        problem = Problem(lists.geometry, lists.observed[channel], lists.confidence[channel], params)
+        state = run(problem, start.astype(np.float64), limits)
+        value[channel] = state.x
+        states.append(state)
+    return value, collect_stats(states, BLOCK_GAP, lists.geometry.pixels, time.perf_counter() - started)
+
+
 def block_bytes(frames: int, rows: int, width: int, matte_share: float, channels: int = 2) -> int:
-    """Peak memory of `solve_block`, bytes, with its inputs, its border and its result, without the interpreter.
+    """Peak memory of `solve_lists` with its arguments and its result, bytes, without the interpreter.
 
     Args:
         frames: loaded frames, halo and border included.
@@ -164,8 +214,8 @@ def block_bytes(frames: int, rows: int, width: int, matte_share: float, channels
         matte_share: share of matte pixels in what is loaded.
         channels: channels solved together.
     """
-    dense = 4 * (4 * channels + 3) + 2  # observed, confidence, previous value, result; flow, validity; two masks
-    return round(frames * rows * width * (dense + matte_share * BYTES_PER_PIXEL))
+    listed = BYTES_PER_PIXEL + 4 * 4 * channels  # observed, confidence, start and result of each channel
+    return round(frames * rows * width * (2 + matte_share * listed))  # and two masks
 
 
 def band_rows(frames: int, width: int, matte_share: float, budget: int, channels: int = 2) -> int:

@@ -6,7 +6,7 @@ and memory follow the actor and not the frame. Both material channels share one 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numba import njit
@@ -15,6 +15,13 @@ from numpy.typing import NDArray
 HAS_RIGHT = 1
 FIXED = 2
 HAS_DOWN = 4
+
+
+class Frames(Protocol):
+    """Frames by position: an array, or a reader."""
+
+    def __getitem__(self, position: int, /) -> Any:
+        """The frame at a position."""
 
 
 class Geometry(NamedTuple):
@@ -47,13 +54,14 @@ class Geometry(NamedTuple):
 
 def build_geometry(
     matte: NDArray[np.bool_],
-    flow: NDArray[np.floating],
-    validity: NDArray[np.floating] | NDArray[np.bool_],
+    flow: Frames,
+    validity: Frames,
     fixed: NDArray[np.bool_] | None = None,
 ) -> Geometry:
     """Lists the matte pixels `[T, H, W]` and their links.
 
-    `flow` [T-1, H, W, 2] and `validity` [T-1, H, W] are as in `solve`; `fixed` [T, H, W] marks given pixels.
+    `flow` [T-1, H, W, 2] and `validity` [T-1, H, W] are as in `solve`, or anything that gives a frame when indexed: a
+    frame is asked for once, so that a task need not hold them all. `fixed` [T, H, W] marks given pixels.
     """
     frames = np.concatenate([[0], np.cumsum(matte.reshape(len(matte), -1).sum(axis=1, dtype=np.int64))])
     if frames[-1] >= 2**31 - 1:

@@ -8,6 +8,7 @@ stays small in the clean frames next to it.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,14 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.temporal.flow import box_mean
-from yesnt.temporal.geometry import Geometry
 from yesnt.temporal.solver import check_inputs
+from yesnt.temporal.tracks import REACH, ObservedFrame, Tracks
 
 Single = NDArray[np.float32]
 Mask = NDArray[np.bool_]
-
-REACH = 2
-"""Frames on each side that predict a frame."""
 
 WINDOW = 4
 """Frames on each side whose residuals tell what is usual."""
@@ -62,6 +60,21 @@ class OutlierReport:
     frames: tuple[int, ...]
 
 
+@dataclass(frozen=True)
+class FrameTrust:
+    """What one frame is worth.
+
+    Attributes:
+        weight: [C, H, W] in [0, 1], to be multiplied on the confidence.
+        ratio: its median residual over the usual one, worst channel.
+        distrusted: share of its matte pixels whose weight is below one half, worst channel.
+    """
+
+    weight: Single
+    ratio: float
+    distrusted: float
+
+
 def robust_confidence(
     observed: Any,
     confidence: Any,
@@ -86,81 +99,58 @@ def robust_confidence(
     """
     settings = settings or OutlierSettings()
     inputs = check_inputs(observed, confidence, flow, validity, matte)
-    result = inputs.confidence.copy()
-    ratios, shares = [], []
-    for channel, planes in enumerate(inputs.observed):
-        residual = track_residuals(planes[inputs.matte], inputs.geometry)
-        weights, ratio = _trust(residual, inputs.matte, inputs.geometry, settings)
-        result[channel] *= weights
-        ratios.append(ratio)
-        shares.append(
-            [float(np.mean(w[m] < 0.5)) if m.any() else 0.0 for w, m in zip(weights, inputs.matte, strict=True)]
-        )
-    worst, share = np.max(ratios, axis=0), np.max(shares, axis=0)
-    frames = tuple(int(t) for t in np.flatnonzero(worst > settings.limit))
-    report = OutlierReport(tuple(map(float, worst)), tuple(map(float, share)), frames)
-    return result.reshape(np.shape(observed)), report
+    vectors, valid = np.asarray(flow, np.float32), np.asarray(validity, np.float32)
+    last = len(inputs.matte) - 1
+
+    def read(t: int) -> ObservedFrame:
+        link = (vectors[t], valid[t]) if t < last else (None, None)
+        return ObservedFrame(inputs.observed[:, t], inputs.matte[t], *link)
+
+    found = list(frame_trust(read, last + 1, settings))
+    ratio = tuple(trust.ratio for trust in found)
+    frames = tuple(t for t, r in enumerate(ratio) if r > settings.limit)
+    result = inputs.confidence * np.stack([trust.weight for trust in found], axis=1)
+    return result.reshape(np.shape(observed)), OutlierReport(ratio, tuple(t.distrusted for t in found), frames)
 
 
-def track_residuals(values: Single, geometry: Geometry) -> Single:
-    """|value - median of the value and its predictions along the flow| of each pixel [N].
+def frame_trust(
+    read: Callable[[int], ObservedFrame], length: int, settings: OutlierSettings | None = None
+) -> Iterator[FrameTrust]:
+    """Trust of each of `length` frames in order; holds the pixel lists of few frames at a time, whatever the length.
 
-    0 where fewer than two predictions reach the pixel: with one, nobody can tell who is wrong.
+    Args:
+        read: gives a frame by position; asked once for each, in order.
+        length: how many frames there are.
+        settings: None for the defaults.
     """
-    rows = [values]
-    for predict in (_predict_from_next, _predict_from_previous):
-        predicted = values
-        for _ in range(REACH):
-            predicted = predict(predicted, geometry)
-            rows.append(predicted)
-    stack = np.sort(np.stack(rows), axis=0)  # NaN, for "no prediction", sorts to the end
-    count = np.sum(~np.isnan(stack), axis=0)
-    lower = np.take_along_axis(stack, (count - 1)[None] // 2, axis=0)[0]
-    upper = np.take_along_axis(stack, count[None] // 2, axis=0)[0]
-    return np.where(count >= 3, np.abs(values - 0.5 * (lower + upper)), 0.0).astype(np.float32)
-
-
-def _corners(geometry: Geometry) -> list[tuple[NDArray[np.uint32], Single]]:
-    indices = (geometry.top, geometry.top + 1, geometry.bottom, geometry.bottom + 1)
-    return [(index, geometry.weights[:, k]) for k, index in enumerate(indices)]
-
-
-def _predict_from_next(values: Single, geometry: Geometry) -> Single:
-    """W values: what frame t+1 says about frame t; NaN where no valid link leads."""
-    total = np.zeros(len(values), np.float32)
-    for index, weight in _corners(geometry):
-        total += np.where(weight > 0, weight * values[np.minimum(index, len(values) - 1)], 0.0)
-    return np.where(geometry.link > 0.5, total, np.nan)
-
-
-def _predict_from_previous(values: Single, geometry: Geometry) -> Single:
-    """W^T values over W^T 1: what frame t-1 says about frame t; NaN where less than half a pixel arrives."""
-    total, count = np.zeros(len(values)), np.zeros(len(values))
-    known = (geometry.link > 0.5) & ~np.isnan(values)
-    for index, weight in _corners(geometry):
-        used = known & (weight > 0)
-        total += np.bincount(index[used], weight[used] * values[used].astype(np.float64), len(values))
-        count += np.bincount(index[used], weight[used].astype(np.float64), len(values))
-    return np.where(count > 0.5, total / np.maximum(count, 0.5), np.nan).astype(np.float32)
+    settings = settings or OutlierSettings()
+    tracks = Tracks(read, length)
+    residuals: dict[int, Single] = {}
+    medians: dict[int, NDArray[np.float64]] = {}
+    for t in range(length + WINDOW):
+        if t < length:
+            residuals[t] = tracks.residual(t)
+            medians[t] = np.median(residuals[t], axis=1) if residuals[t].size else np.zeros(len(residuals[t]))
+        done = t - WINDOW
+        if done >= 0:
+            window = [medians[k] for k in range(max(0, done - WINDOW), min(length, done + WINDOW + 1))]
+            usual = np.maximum(np.median(window, axis=0), settings.usual_floor)
+            yield _trust(residuals.pop(done), tracks.mattes.pop(done), usual, medians[done], settings)
 
 
 def _trust(
-    residual: Single, matte: Mask, geometry: Geometry, settings: OutlierSettings
-) -> tuple[Single, NDArray[np.float64]]:
-    """Weight [T, H, W] in [0, 1] of each pixel and the frames' ratios [T]."""
-    frames = geometry.frames
-    parts = [residual[frames[t] : frames[t + 1]] for t in range(len(matte))]
-    medians = np.array([float(np.median(part)) if len(part) else 0.0 for part in parts])
-    weights, ratios = np.ones(matte.shape, np.float32), np.zeros(len(matte))
-    for t, part in enumerate(parts):
-        window = medians[max(0, t - WINDOW) : t + WINDOW + 1]
-        usual = max(float(np.median(window)), settings.usual_floor)
-        ratios[t] = medians[t] / usual
-        dense = np.zeros(matte.shape[1:], np.float32)
-        dense[matte[t]] = part
-        local = np.maximum(box_mean(dense, matte[t], settings.region) / usual, ratios[t])
-        weights[t] = np.minimum(1.0, (settings.limit / np.maximum(local, settings.limit)) ** 4)
-    return weights, ratios
+    residual: Single, matte: Mask, usual: NDArray[np.float64], median: NDArray[np.float64], settings: OutlierSettings
+) -> FrameTrust:
+    """Trust of a frame from its residuals [C, n]; `usual` and `median` are [C]."""
+    weight = np.ones((len(residual), *matte.shape), np.float32)
+    for channel, part in enumerate(residual):
+        dense = np.zeros(matte.shape, np.float32)
+        dense[matte] = part
+        ratio = median[channel] / usual[channel]
+        local = np.maximum(box_mean(dense, matte, settings.region) / usual[channel], ratio)
+        weight[channel] = np.minimum(1.0, (settings.limit / np.maximum(local, settings.limit)) ** 4)
+    low = weight[:, matte] < 0.5
+    return FrameTrust(weight, float(np.max(median / usual)), float(low.mean(axis=1).max()) if low.size else 0.0)
 
 
 def consistent_members(

@@ -1,0 +1,58 @@
+"""How far the frames of one chunk are trusted, as a task: frames are read one at a time, few are held."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yesnt.decompose.confidence import confidence
+from yesnt.solve_task import observed
+from yesnt.temporal.outliers import FrameTrust, OutlierSettings, frame_trust
+from yesnt.temporal.tracks import ObservedFrame
+from yesnt.workspace import Workspace
+
+Float32 = NDArray[np.float32]
+
+
+def trust(space: Workspace) -> None:
+    """Commits the confidence of one chunk: 1 - sigma, less where a frame contradicts its neighbours."""
+    pending = set(space.pending())
+    if not space.job.shot.temporal.robust:
+        for frame in pending:
+            space.commit(frame, {"confidence": _ensemble_confidence(space, frame)})
+        return
+    start, stop = space.node.arguments["loaded"]
+    frames = space.job.frames[start:stop]
+    core = set(space.node.frames)
+    limit = OutlierSettings().limit
+    for frame, found in zip(frames, frame_trust(lambda t: _read(space, frames, t), len(frames)), strict=True):
+        if frame in core and frame in pending:
+            _commit(space, frame, found, limit)
+
+
+def _commit(space: Workspace, frame: int, found: FrameTrust, limit: float) -> None:
+    values = _ensemble_confidence(space, frame) * found.weight
+    facts = {
+        "inconsistent": [frame] if found.ratio > limit else [],
+        "ratio": found.ratio, "distrusted": found.distrusted,
+    }  # fmt: skip
+    space.commit(frame, {"confidence": values}, facts=facts)
+
+
+def _read(space: Workspace, frames: tuple[int, ...], position: int) -> ObservedFrame:
+    frame = frames[position]
+    matte = space.matte(frame)
+    if position == len(frames) - 1:
+        return ObservedFrame(observed(space, frame), matte, None, None)
+    if frame in space.node.arguments["unlinked"]:
+        none = np.zeros(matte.shape, np.float32)
+        return ObservedFrame(observed(space, frame), matte, np.zeros((*matte.shape, 2), np.float32), none)
+    flow = space.read("flow", "flow", frame).transpose(1, 2, 0)
+    return ObservedFrame(observed(space, frame), matte, flow, space.read("flow", "validity", frame)[0])
+
+
+def _ensemble_confidence(space: Workspace, frame: int) -> Float32:
+    """1 - sigma of the members [2, H, W]; 0 for a frame without a decomposition."""
+    if frame in space.node.arguments["absent"]:
+        return np.zeros((2, space.job.height, space.job.width), np.float32)
+    return confidence(space.read("decompose", "spread", frame))

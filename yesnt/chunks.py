@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from yesnt.blocks import Block, Span, row_bands
-from yesnt.errors import JobError
 from yesnt.io.capture import read_matte
 from yesnt.shot import Job, TemporalInput
 from yesnt.temporal.blocks import band_rows, block_bytes, halo_frames, halo_rows, sweeps_needed
@@ -28,9 +27,6 @@ READING = 60
 
 HALO_ROWS = 16
 """Most rows of halo of a band; the exchange sweeps bring the rest."""
-
-SMALLEST_CORE = 8
-"""Rows that a band must solve beside what it only reads."""
 
 REACH_SHARE = 48
 """Bands follow vertical motion up to a 48th of the height (and at least 16 pixels) per frame; longer links are cut."""
@@ -98,9 +94,6 @@ def plan_chunks(
         tolerance: share of a change outside that may be missing inside.
         frames: length of the shot.
         extent: of its frames.
-
-    Raises:
-        JobError: not even the narrowest band fits into the memory that the job allows.
     """
     needed = halo_frames(params, TYPICAL_CONFIDENCE, tolerance)
     for share in (2, 4):
@@ -117,9 +110,9 @@ def plan_chunks(
         return ChunkPlan(halo, sweeps, (Block(0, everything, everything),), 0, _peak(loaded, extent.height, extent))
     border = min(halo_rows(params, TYPICAL_CONFIDENCE, tolerance), HALO_ROWS)
     reach = max(16, extent.height // REACH_SHARE)
-    core = rows - 2 * (border + reach)
-    if core < SMALLEST_CORE:
-        raise _too_little(temporal, loaded, SMALLEST_CORE + 2 * (border + reach), extent)
+    # Narrower than half of what they only read, bands would cost more time than memory is worth: `plan` tells the peak.
+    core = max(rows - 2 * (border + reach), border + reach)
+    rows = core + 2 * (border + reach)
     return ChunkPlan(halo, sweeps, row_bands(extent.height, core, border), reach, _peak(loaded, rows, extent))
 
 
@@ -147,12 +140,3 @@ def _affordable_rows(temporal: TemporalInput, frames: int, extent: Extent) -> in
 def _peak(frames: int, rows: int, extent: Extent) -> float:
     lists = block_bytes(frames, rows, extent.width, extent.matte_share)
     return RESIDENT + READING * extent.height * extent.width + lists
-
-
-def _too_little(temporal: TemporalInput, frames: int, rows: int, extent: Extent) -> JobError:
-    return JobError(
-        f"A band of the temporal solve needs {_peak(frames, rows, extent) / 1e9:.1f} GB",
-        f"key temporal.memory: {temporal.memory} GB, {frames} frames of {extent.width}x{extent.height}",
-        "memory for one narrow band of rows",
-        "raise temporal.memory, or lower temporal.chunk or temporal.halo",
-    )

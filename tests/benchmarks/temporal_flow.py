@@ -24,8 +24,8 @@ RULES = {
     "forward-backward 0.01, 0.5 (method.md)": FlowSettings(relative=0.01, absolute=0.5, photometric=np.inf),
     "forward-backward 0.05, 2": FlowSettings(photometric=np.inf),
     "colour 0.1": FlowSettings(relative=1e6, absolute=1e6),
-    "both (default)": FlowSettings(),
-    "both, colour 0.05": FlowSettings(photometric=0.05),
+    "both, colour 0.1": FlowSettings(photometric=0.1),
+    "both, colour 0.05 (default)": FlowSettings(),
 }
 
 

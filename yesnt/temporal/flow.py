@@ -38,7 +38,7 @@ class FlowSettings:
     method: FlowMethod = "dis-quality"
     relative: float = 0.05
     absolute: float = 2.0
-    photometric: float = 0.1
+    photometric: float = 0.05
 
 
 def flow_and_validity(

@@ -16,9 +16,9 @@ import torch
 from torch.nn import functional as F
 
 from yesnt.decompose.network import Network, NetworkShape
-from yesnt.decompose.synthetic.dataset import Patches, draw_patches
-from yesnt.decompose.synthetic.materials import CLASSES
-from yesnt.decompose.training import hint_loss
+from yesnt.training.synthetic.dataset import Patches, draw_patches
+from yesnt.training.synthetic.materials import CLASSES
+from yesnt.training.trainer import hint_loss
 from yesnt.decompose.weights import PATCH
 
 SEED = 1_000_007

@@ -51,7 +51,7 @@ def test_training_takes_its_pictures_from_these_makers_alone():
     assert not [
         name for name in imports(tree) if name.startswith(("yesnt.stage", "yesnt.evaluation", "yesnt.embedded"))
     ]
-    assert any(name.startswith("yesnt.decompose.synthetic") for name in imports(tree))
+    assert any(name.startswith("yesnt.training.synthetic") for name in imports(tree))
 
 
 def test_nothing_of_the_stage_is_named_where_training_pictures_are_made():

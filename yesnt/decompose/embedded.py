@@ -22,7 +22,7 @@ class EmbeddedBackend:
     name = "embedded"
     licence = Licence("Apache-2.0", commercial=True)
     batch = 8
-    align = 4
+    align = 16
 
     def __init__(self, path: Path = SHIPPED, steps: int = 2) -> None:
         if not 1 <= steps <= 4:

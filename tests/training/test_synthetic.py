@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from yesnt.decompose.synthetic.dataset import draw_patches
-from yesnt.decompose.synthetic.light import COLUMNS, LEVELS, ROWS, Light, draw_light, environment_brdf
-from yesnt.decompose.synthetic.materials import CLASSES, MATERIAL, PRIOR, draw_class, paint
-from yesnt.decompose.synthetic.render import render
-from yesnt.decompose.synthetic.shapes import EMPTY, GeometryBuffer
-from yesnt.decompose.synthetic.tiles import NAMES, tile_bank
+from yesnt.training.synthetic.dataset import draw_patches
+from yesnt.training.synthetic.light import COLUMNS, LEVELS, ROWS, Light, draw_light, environment_brdf
+from yesnt.training.synthetic.materials import CLASSES, MATERIAL, PRIOR, draw_class, paint
+from yesnt.training.synthetic.render import render
+from yesnt.training.synthetic.shapes import EMPTY, GeometryBuffer
+from yesnt.training.synthetic.tiles import NAMES, tile_bank
 
 
 def ball(radius=40.0, size=128):
@@ -81,8 +81,8 @@ def test_light_is_uniform_on_average_and_smoother_for_rough_lobes():
 
 
 def test_constant_light_stays_constant_after_prefiltering(monkeypatch):
-    monkeypatch.setattr("yesnt.decompose.synthetic.light._soft_box", lambda rng, direction: 0 * direction[..., 0])
-    monkeypatch.setattr("yesnt.decompose.synthetic.light._towards", lambda rng: np.zeros(3))
+    monkeypatch.setattr("yesnt.training.synthetic.light._soft_box", lambda rng, direction: 0 * direction[..., 0])
+    monkeypatch.setattr("yesnt.training.synthetic.light._towards", lambda rng: np.zeros(3))
 
     class Still(np.random.Generator):
         def normal(self, *args, **kwargs):

@@ -36,13 +36,28 @@ class Light:
 
 def draw_light(rng: np.random.Generator) -> Light:
     """Draws a light whose mean radiance is 1."""
+    return prefiltered(draw_radiance(rng))
+
+
+def draw_radiance(rng: np.random.Generator) -> Float64:
+    """Draws the map of a light whose mean radiance is 1, [ROWS, COLUMNS, 3]: every other one a rig of wide panels."""
     direction = _directions()
     radiance = np.ones((ROWS, COLUMNS, 3))
+    if rng.random() < 0.5:
+        radiance *= np.clip(1 + direction @ (rng.normal(0, 0.15) * _towards(rng)), 0.15, None)[..., None]
+        for _ in range(rng.integers(0, 7)):
+            panel = np.exp(rng.uniform(3, 9) * (direction @ _towards(rng) - 1))
+            radiance += rng.uniform(0.1, 0.6) * panel[..., None]
+        return radiance / np.average(radiance.mean(2), weights=_solid_angles())
     slope = rng.normal(0, 0.35) * _towards(rng) + np.array([0, -abs(rng.normal(0, 0.3)), 0])
     radiance *= np.clip(1 + direction @ slope, 0.15, None)[..., None]
     for _ in range(rng.choice([0, 1, 2, 3, 4, 6], p=[0.12, 0.15, 0.25, 0.22, 0.16, 0.10])):
         radiance += _soft_box(rng, direction)[..., None] * np.exp(rng.normal(0, 0.06, 3))
-    radiance /= np.average(radiance.mean(2), weights=_solid_angles())
+    return radiance / np.average(radiance.mean(2), weights=_solid_angles())
+
+
+def prefiltered(radiance: Float64) -> Light:
+    """Filters a map [ROWS, COLUMNS, 3] for every normal and roughness."""
     kernels = _kernels()
     spectrum = np.fft.rfft(radiance, axis=1)
     product = kernels @ spectrum.transpose(1, 0, 2)  # [k, f, i, j] @ [f, j, c]

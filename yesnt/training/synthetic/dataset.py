@@ -1,4 +1,4 @@
-"""Training patches, made on the fly: patch n of seed s is always the same picture."""
+"""Training patches: crops of pictures, seen through different cameras. Patch n of seed s is always the same."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.decompose.synthetic.light import draw_light
-from yesnt.decompose.synthetic.render import Rendering, render
-from yesnt.decompose.synthetic.scene import draw_scene
+from yesnt.training.synthetic.light import draw_light
+from yesnt.training.synthetic.render import Rendering, render
+from yesnt.training.synthetic.scene import draw_scene
 
 Float32 = NDArray[np.float32]
 
@@ -38,14 +38,18 @@ class Patches:
         """rgb, matte, truth, kind."""
         return self.rgb, self.matte, self.truth, self.kind
 
+    @classmethod
+    def stack(cls, crops: list[Float32]) -> Patches:
+        """Of crops [7, P, P] as `crop` makes them."""
+        planes = np.stack(crops)
+        return cls(planes[:, :3], planes[:, 3:4], planes[:, 4:6], planes[:, 6].astype(np.int64))
+
 
 def draw_patches(seed: int, index: int, count: int, patch: int) -> Patches:
-    """Draws `count` patches of picture number `index`: crops, mirrored and seen through different cameras."""
+    """Draws `count` patches of heap number `index`: crops, mirrored and seen through different cameras."""
     rng = np.random.Generator(np.random.Philox(key=[seed, index]))
     picture = draw_picture(rng, patch + MARGIN)
-    crops = [_crop(rng, picture, patch) for _ in range(count)]
-    planes = np.stack(crops)
-    return Patches(planes[:, :3], planes[:, 3:4], planes[:, 4:6], planes[:, 6].astype(np.int64))
+    return Patches.stack([crop(rng, picture, patch) for _ in range(count)])
 
 
 def draw_picture(rng: np.random.Generator, size: int) -> Rendering:
@@ -56,20 +60,43 @@ def draw_picture(rng: np.random.Generator, size: int) -> Rendering:
             return render(scene.geometry, scene.paints(), draw_light(rng))
 
 
-def _crop(rng: np.random.Generator, picture: Rendering, patch: int) -> Float32:
-    """A random patch [rgb, matte, truth, kind] with at least a twelfth of it inside the matte (best of ten tries)."""
-    places = rng.integers(0, MARGIN + 1, (10, 2))
-    shares = [picture.matte[y : y + patch, x : x + patch].mean() for y, x in places]
+def crop(rng: np.random.Generator, picture: Rendering, patch: int, shrink: float = 1.0) -> Float32:
+    """A random patch [rgb, matte, truth, kind] with at least a twelfth of it inside the matte (best of ten tries).
+
+    Args:
+        rng: of place, mirroring and the camera's faults.
+        picture: at least `shrink` times as large as the patch.
+        patch: side P.
+        shrink: the patch shows so many times its size of the picture, averaged.
+
+    Returns:
+        [7, P, P].
+    """
+    side = min(round(patch * shrink), *picture.matte.shape)
+    room = np.array(picture.matte.shape) - side + 1
+    places = rng.integers(0, room, (10, 2))
+    shares = [picture.matte[y : y + side, x : x + side].mean() for y, x in places]
     good = [k for k, share in enumerate(shares) if share > 1 / 12]
     y, x = places[good[0] if good else int(np.argmax(shares))]
-    window = np.s_[..., y : y + patch, x : x + patch]
-    rgb, matte = _expose(rng, picture.rgb[window].copy(), picture.matte[window].copy())
-    planes = np.concatenate([rgb, matte[None], picture.truth[window], picture.kind[None][window]])
+    planes = _window(picture, np.s_[..., y : y + side, x : x + side], patch)
+    rgb, matte = _expose(rng, planes[:3], planes[3])
+    planes = np.concatenate([rgb, matte[None], planes[4:]])
     if rng.random() < 0.5:
         planes = planes[:, :, ::-1]
-    if rng.random() < 0.15:
+    if rng.random() < 0.1:
         planes = planes.transpose(0, 2, 1)
     return np.ascontiguousarray(planes, dtype=np.float32)
+
+
+def _window(picture: Rendering, window: tuple[object, ...], patch: int) -> Float32:
+    """A part of a picture at the patch's size: associated rgb, matte, straight truth, class."""
+    rgb, matte, truth, kind = (np.asarray(p[window]) for p in (picture.rgb, picture.matte, picture.truth, picture.kind))
+    planes = np.concatenate([rgb, matte[None], truth * matte, kind[None]]).astype(np.float32)
+    if planes.shape[-1] != patch:
+        shrunk = [cv2.resize(plane, (patch, patch), interpolation=cv2.INTER_AREA) for plane in planes[:6]]
+        planes = np.stack([*shrunk, cv2.resize(planes[6], (patch, patch), interpolation=cv2.INTER_NEAREST)])
+    planes[4:6] /= np.maximum(planes[3], 1e-3)
+    return planes
 
 
 def _expose(rng: np.random.Generator, rgb: Float32, matte: Float32) -> tuple[Float32, Float32]:

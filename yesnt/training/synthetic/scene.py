@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.decompose.synthetic.materials import MATERIAL, draw_class, paint
-from yesnt.decompose.synthetic.shapes import GeometryBuffer
+from yesnt.training.synthetic.materials import MATERIAL, draw_class, paint
+from yesnt.training.synthetic.shapes import GeometryBuffer
 
 Float64 = NDArray[np.float64]
 
@@ -44,10 +44,10 @@ class Scene:
 
 
 def draw_scene(rng: np.random.Generator, size: int) -> Scene:
-    """Fills a canvas of size x size: two of three with a figure, the others with objects or sheets."""
+    """Fills a canvas of size x size: a third with a figure of plain solids, the others with objects or sheets."""
     scene = Scene(GeometryBuffer.empty(size), rng)
     kind = rng.random()
-    if kind < 0.68:
+    if kind < 0.35:
         _figure(scene, size)
     else:
         if kind > 0.88 or rng.random() < 0.3:

@@ -1,0 +1,69 @@
+"""`python -m yesnt.training FOLDER`: makes what is missing (bodies, people, then weights) and resumes what was begun."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import torch
+
+from yesnt.decompose.network import NetworkShape
+from yesnt.stage.tools import anny_only
+from yesnt.training.bodies import make_bodies
+from yesnt.training.pictures import make_person
+from yesnt.training.trainer import Trainer, TrainingSettings, train
+
+log = logging.getLogger("yesnt.train")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The command: everything below FOLDER may be killed at any moment and goes on where it stopped."""
+    options = _parser().parse_args(argv)
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
+    torch.set_num_threads(options.threads)
+    options.folder.mkdir(parents=True, exist_ok=True)
+    settings = replace(TrainingSettings(), steps=options.steps, people=options.people, seed=options.seed)
+    if options.only != "weights" and settings.people:
+        _make_people(options.folder, settings)
+    if options.only != "pictures":
+        _train(options.folder, settings)
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="yesnt.training", description=__doc__)
+    parser.add_argument("folder", type=Path, help="bodies, pictures, checkpoint and weights go here")
+    parser.add_argument("--steps", type=int, default=TrainingSettings.steps)
+    parser.add_argument("--people", type=int, default=TrainingSettings.people, help="0: things only, without `anny`")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--only", choices=("pictures", "weights"), help="one of the two parts; they may run side by side")
+    return parser
+
+
+def _make_people(folder: Path, settings: TrainingSettings) -> None:
+    bodies = make_bodies(settings.seed, folder / "bodies", anny_only(folder))
+    start, made = time.monotonic(), 0
+    for number in range(settings.people):
+        made += make_person(folder, settings.seed, number, bodies)
+        if made and number % 20 == 19:
+            log.info("person %d of %d, %.1f s each", number + 1, settings.people, (time.monotonic() - start) / made)
+
+
+def _train(folder: Path, settings: TrainingSettings) -> None:
+    trainer = Trainer(settings, NetworkShape(), folder)
+    checkpoint = folder / "checkpoint.pt"
+    if checkpoint.exists():
+        trainer.resume(checkpoint)
+    start, begun = time.monotonic(), trainer.step
+    for step, loss in train(trainer, folder):
+        rate = (step - begun) / (time.monotonic() - start)
+        log.info("step %d of %d, loss %.4f, %.2f steps/s", step, settings.steps, loss, rate)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,209 @@
+"""Draws what a training person wears: garments by place, each painted with a material of a likely class.
+
+Places are fields of `yesnt.stage.wardrobe`; nothing here is an outfit of the stage's subjects.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yesnt.stage.paint import Between, Coat, Layer
+from yesnt.training.synthetic.materials import MATERIAL, draw_class, paint
+
+Classes = tuple[str, ...]
+
+_FAR = 10.0  # metres: anything on that side
+_TRUNK = Between("arms", high=0.5)
+_ARMS = Between("arms", low=0.5)
+_HEAD = Between("head", low=0.5)
+_FRONT = Between("y", -_FAR, 0.0)
+_BELOW_THE_HEAD = (Between("head", high=0.35), Between("neck", high=0.5))
+_NOT_HANDS = Between("hands", high=0.5)
+
+METALS: Classes = ("brushed metal", "polished metal", "worn metal")
+_CLOTH: Classes = ("woven",) * 5 + ("knit",) * 3 + ("denim",) * 3 + ("satin",) * 3 + ("leather",) * 2 + METALS[:1]
+_BAND: Classes = ("leather", "leather", "woven", "rubber", "plastic", "knit", *METALS)
+_SHOE: Classes = ("leather", "leather", "leather", "rubber", "woven", "plastic", "satin")
+_CAP: Classes = ("hair",) * 9 + ("knit", "woven", "leather", "plastic", "polished metal", "brushed metal")
+_ARMOUR: Classes = (*METALS, *METALS, "leather", "plastic")
+
+
+@dataclass
+class Outfit:
+    """Garments in the order they are put on: the last covers those before it.
+
+    Attributes:
+        rng: source of every choice.
+        layers: place and thickness of each garment.
+        paints: its material, a `MATERIAL` record each.
+    """
+
+    rng: np.random.Generator
+    layers: list[Layer] = field(default_factory=list)
+    paints: list[NDArray[np.void]] = field(default_factory=list)
+
+    def wear(
+        self, name: str, where: tuple[Between, ...], material: NDArray[np.void], thick: float = 0.0, soft: float = 0.015
+    ) -> None:
+        """Puts a garment on; `thick` and `soft` in metres."""
+        ends = (_color(material["base"]), _color(material["second"]))
+        rough = float(material["roughness"])
+        metal = float(material["metallic"])
+        self.layers.append(Layer(name, where, "plain", ends, 10.0, (rough, rough), metal, thick, soft))
+        self.paints.append(material)
+
+    def paint(self, classes: Classes = ()) -> NDArray[np.void]:
+        """A new material of one of the classes, or of any where none is named."""
+        return paint(self.rng, str(self.rng.choice(classes)) if classes else draw_class(self.rng))
+
+    def chance(self, probability: float) -> bool:
+        """True so often."""
+        return bool(self.rng.random() < probability)
+
+    def coat(self) -> Coat:
+        """The garments as the stage's wardrobe takes them."""
+        return tuple(self.layers)
+
+    def materials(self) -> NDArray[np.void]:
+        """One record a garment."""
+        return np.array(self.paints, dtype=MATERIAL)
+
+
+def _color(values: NDArray[np.float32]) -> tuple[float, float, float]:
+    red, green, blue = (float(v) for v in values)
+    return red, green, blue
+
+
+def draw_outfit(rng: np.random.Generator) -> Outfit:
+    """Dresses a person from the skin outwards."""
+    outfit = Outfit(rng)
+    _bare(outfit)
+    _legs(outfit)
+    _shoes(outfit)
+    if outfit.chance(0.9):
+        _top(outfit)
+    if outfit.chance(0.3):
+        _over(outfit)
+    _waist(outfit)
+    _arms(outfit)
+    _armour(outfit)
+    return outfit
+
+
+def _bare(outfit: Outfit) -> None:
+    rng, skin = outfit.rng, outfit.paint(("skin",))
+    outfit.wear("skin", (), skin)
+    lips, eyes = skin.copy(), outfit.paint(("ceramic",))
+    lips["base"] *= (0.85, 0.55, 0.5)
+    lips["roughness"] = rng.uniform(0.25, 0.4)
+    mouth = (_HEAD, Between("z", 1.588, 1.612), Between("y", -_FAR, -0.135), Between("x", -0.024, 0.024))
+    outfit.wear("lips", mouth, lips)
+    eyes["base"], eyes["second"], eyes["contrast"] = 0.55, 0.45, 0.2
+    outfit.wear("eyes", (Between("eyes", 0.5),), eyes)
+    if outfit.chance(0.9):
+        line = Between("scalp", rng.uniform(-0.03, 0.02))
+        outfit.wear("hair", (_HEAD, line), outfit.paint(_CAP), rng.uniform(0.004, 0.026), 0.02)
+
+
+def _legs(outfit: Outfit) -> None:
+    rng = outfit.rng
+    waist = rng.uniform(0.97, 1.06)
+    length = rng.choice(["long", "short", "skirt"], p=[0.6, 0.22, 0.18])
+    low = {"long": rng.uniform(0.08, 0.25), "short": rng.uniform(0.4, 0.8), "skirt": rng.uniform(0.35, 0.85)}[length]
+    thick = rng.uniform(0.018, 0.04) if length == "skirt" else rng.uniform(0.004, 0.018)
+    outfit.wear("bottom", (_TRUNK, Between("z", low, waist)), outfit.paint(_CLOTH), thick, rng.uniform(0.015, 0.08))
+    if length != "long" and outfit.chance(0.35):
+        under = (_TRUNK, Between("z", rng.uniform(0.1, 0.3), low + 0.02))
+        outfit.wear("stockings", under, outfit.paint(("knit", "satin", "woven")), 0.004)
+
+
+def _shoes(outfit: Outfit) -> None:
+    rng = outfit.rng
+    if outfit.chance(0.92):
+        high = rng.uniform(0.08, 0.16) if outfit.chance(0.55) else rng.uniform(0.16, 0.46)
+        outfit.wear("shoes", (Between("z", high=high),), outfit.paint(_SHOE), rng.uniform(0.008, 0.014))
+    if outfit.chance(0.6):
+        outfit.wear("soles", (Between("z", high=0.022),), outfit.paint(("rubber",)))
+    if outfit.chance(0.1):
+        caps = (Between("z", high=0.075), Between("y", -_FAR, -0.10))
+        outfit.wear("toe caps", caps, outfit.paint(METALS), 0.016)
+
+
+def _top(outfit: Outfit) -> None:
+    rng, cloth = outfit.rng, outfit.paint(_CLOTH)
+    thick = rng.uniform(0.004, 0.014)
+    torso = Between("z", rng.uniform(0.9, 1.06), rng.uniform(1.36, 1.5))
+    outfit.wear("top", (_TRUNK, torso, *_BELOW_THE_HEAD), cloth, thick)
+    if outfit.chance(0.78):
+        sleeve = Between("sleeve", -1, rng.uniform(0.35, 1.92))
+        material = cloth if outfit.chance(0.85) else outfit.paint(_CLOTH)
+        outfit.wear("sleeves", (_ARMS, sleeve, _NOT_HANDS), material, thick)
+    if outfit.chance(0.25):
+        outfit.wear("collar", (_TRUNK, Between("neck", 0.3), Between("head", high=0.2)), outfit.paint(_BAND), 0.01)
+
+
+def _over(outfit: Outfit) -> None:
+    rng, cloth = outfit.rng, outfit.paint(_CLOTH)
+    thick, low, high = rng.uniform(0.014, 0.03), rng.uniform(0.6, 1.0), rng.uniform(1.42, 1.5)
+    outfit.wear("jacket", (_TRUNK, Between("z", low, high), *_BELOW_THE_HEAD), cloth, thick, 0.03)
+    if outfit.chance(0.6):
+        sleeves = (_ARMS, Between("sleeve", -1, rng.uniform(0.5, 1.9)), _NOT_HANDS)
+        outfit.wear("jacket sleeves", sleeves, cloth, 0.7 * thick)
+    if outfit.chance(0.6):
+        strip = Between("x", -rng.uniform(0.01, 0.09), rng.uniform(0.01, 0.09))
+        open_front = (_TRUNK, Between("z", low, high - 0.04), strip, _FRONT, *_BELOW_THE_HEAD)
+        outfit.wear("front", open_front, outfit.paint((*_CLOTH, *METALS, *METALS)), thick)
+
+
+def _waist(outfit: Outfit) -> None:
+    rng = outfit.rng
+    if outfit.chance(0.12):
+        sash = Between("z", rng.uniform(0.98, 1.04), rng.uniform(1.08, 1.16))
+        outfit.wear("sash", (_TRUNK, sash), outfit.paint(("woven", "satin", "knit", "leather")), 0.018)
+    if not outfit.chance(0.55):
+        return
+    low, tall = rng.uniform(0.97, 1.02), rng.uniform(0.03, 0.09)
+    outfit.wear("belt", (_TRUNK, Between("z", low, low + tall)), outfit.paint(_BAND), 0.02)
+    if outfit.chance(0.7):
+        half = rng.uniform(0.02, 0.09)
+        buckle = (_TRUNK, Between("z", low - 0.008, low + tall + 0.008), Between("x", -half, half), _FRONT)
+        outfit.wear("buckle", buckle, outfit.paint((*METALS, *METALS, "plastic")), 0.027)
+
+
+def _arms(outfit: Outfit) -> None:
+    rng = outfit.rng
+    if outfit.chance(0.22):
+        long = Between("sleeve", rng.uniform(0.6, 1.2) if outfit.chance(0.25) else rng.uniform(1.6, 2.0))
+        glove = (long, _side(outfit)) if outfit.chance(0.3) else (long,)
+        kinds = ("leather", "leather", "rubber", "knit", "satin", "polished metal")
+        outfit.wear("gloves", glove, outfit.paint(kinds), rng.uniform(0.003, 0.02), 0.05)
+    for _ in range(rng.choice([0, 1, 2], p=[0.5, 0.3, 0.2])):
+        start = rng.uniform(0.2, 1.7)
+        ring = Between("sleeve", start, start + rng.uniform(0.06, 0.5))
+        outfit.wear("band", (_ARMS, ring, _side(outfit)), outfit.paint(_BAND), 0.012)
+
+
+def _side(outfit: Outfit) -> Between:
+    return Between("x", high=0.0) if outfit.chance(0.5) else Between("x", low=0.0)
+
+
+def _armour(outfit: Outfit) -> None:
+    rng = outfit.rng
+    if outfit.chance(0.18):
+        plates = (Between("shoulder", high=rng.uniform(0.07, 0.13)), *_BELOW_THE_HEAD)
+        outfit.wear("shoulder plates", plates, outfit.paint(_ARMOUR), 0.026)
+    if outfit.chance(0.1):
+        around = Between("shoulder", 0.10, rng.uniform(0.12, 0.17))
+        outfit.wear("chain", (around, *_BELOW_THE_HEAD), outfit.paint(METALS), 0.03)
+    if outfit.chance(0.13):
+        chest = (_TRUNK, Between("z", rng.uniform(1.08, 1.2), 1.4), Between("x", -0.15, 0.15), _FRONT, *_BELOW_THE_HEAD)
+        outfit.wear("breastplate", chest, outfit.paint(_ARMOUR), 0.022)
+    if outfit.chance(0.15):
+        knees = (_TRUNK, Between("z", rng.uniform(0.4, 0.46), rng.uniform(0.54, 0.62)), Between("y", -_FAR, 0.02))
+        outfit.wear("knee pads", knees, outfit.paint(_ARMOUR), 0.02)
+    if outfit.chance(0.1):
+        shins = (_TRUNK, Between("z", 0.16, rng.uniform(0.38, 0.46)), Between("y", -_FAR, 0.03))
+        outfit.wear("greaves", shins, outfit.paint(_ARMOUR), 0.018)

@@ -1,0 +1,45 @@
+"""The archive of people's pictures: made once, resumable, picture by picture a function of (seed, number)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from yesnt.io.durable import durable_path
+from yesnt.training.people import draw_person, open_body, photograph
+from yesnt.training.synthetic.render import Rendering
+
+VIEWS = 3
+"""Poses, cameras and lights that each dressed person is seen in."""
+
+
+def person_path(folder: Path, seed: int, number: int) -> Path:
+    """Where the number-th person's pictures are kept."""
+    return folder / f"people.{seed}" / f"{number:05d}.npz"
+
+
+def make_person(folder: Path, seed: int, number: int, bodies: Sequence[Path]) -> bool:
+    """Makes one person's pictures; False if they were there."""
+    path = person_path(folder, seed, number)
+    if path.exists():
+        return False
+    rng = np.random.Generator(np.random.Philox(key=[seed, number]))
+    person = draw_person(rng, open_body(bodies[number % len(bodies)]))
+    views = [photograph(rng, person) for _ in range(VIEWS)]
+    planes = {name: np.stack([getattr(view, name) for view in views]) for name in ("rgb", "matte", "truth", "kind")}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    half = {name: plane.astype(np.int8 if name == "kind" else np.float16) for name, plane in planes.items()}
+    with durable_path(path) as temporary, temporary.open("wb") as stream:
+        np.savez(stream, **half)  # type: ignore[arg-type]
+    return True
+
+
+@lru_cache(maxsize=2048)
+def open_person(path: Path) -> tuple[Rendering, ...]:
+    """The views of a person, as they were rendered but for half precision."""
+    with np.load(path) as data:
+        rgb, matte, truth, kind = (data[name] for name in ("rgb", "matte", "truth", "kind"))
+    return tuple(Rendering(*planes) for planes in zip(rgb, matte, truth, kind, strict=True))

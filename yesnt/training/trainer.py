@@ -1,0 +1,215 @@
+"""Trains the embedded model; everything random is keyed by the step, so that a resumed training is an uninterrupted one."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from yesnt.decompose.network import Network, NetworkShape, noised
+from yesnt.decompose.noise_planes import member_noise
+from yesnt.decompose.weights import PATCH, SMOOTH_SIGMAS, channels_last, save_weights
+from yesnt.errors import JobError
+from yesnt.training.losses import energy_score, reading_loss
+from yesnt.training.pictures import open_person, person_path
+from yesnt.training.synthetic.dataset import Patches, crop, draw_patches
+from yesnt.training.synthetic.materials import CLASSES
+
+_PATIENCE = 900.0
+"""Seconds that a step waits for a picture which another process is to make."""
+
+
+@dataclass(frozen=True)
+class TrainingSettings:
+    """What determines the weights.
+
+    Attributes:
+        seed: of data, noise and first weights.
+        reading: steps of the first part, in which the reader alone learns what to expect.
+        steps: optimiser steps in all.
+        batch: patches per step.
+        of_people: how many of them show people; the others show heaps of things.
+        people: dressed people in the archive; 0: heaps alone.
+        first: people that must be there before the first step.
+        every: steps after which one more is asked for, so that pictures can be made while the training runs.
+        patch: side of a patch.
+        rate: highest learning rate; in the second part the reader has a fifth of it.
+        ema: decay of the averaged weights.
+    """
+
+    seed: int = 0
+    reading: int = 2300
+    steps: int = 3100
+    batch: int = 8
+    of_people: int = 5
+    people: int = 700
+    first: int = 80
+    every: int = 4
+    patch: int = PATCH
+    rate: float = 1.2e-3
+    ema: float = 0.997
+
+
+class Trainer:
+    """Network, averaged network and optimiser at a step.
+
+    Args:
+        settings: what to do.
+        shape: of the network.
+        folder: holds the archive of people.
+    """
+
+    def __init__(self, settings: TrainingSettings, shape: NetworkShape, folder: Path) -> None:
+        torch.manual_seed(settings.seed)
+        self.settings, self.folder = settings, folder
+        self.network = channels_last(Network(shape))
+        self.classes = torch.nn.Conv2d(shape.condition, len(CLASSES), 1)
+        self.averaged = Network(shape).requires_grad_(False)
+        self.averaged.load_state_dict(self.network.state_dict())
+        # Decay bounds the weights that a norm makes scale-free; ten times this rate once blew up the coarse levels, and
+        # the network went on with colour alone.
+        groups = [
+            {"params": [*self.network.reader.parameters(), *self.classes.parameters()]},
+            {"params": list(self.network.denoiser.parameters())},
+        ]
+        self.optimiser = torch.optim.AdamW(groups, lr=settings.rate, weight_decay=0.05, betas=(0.9, 0.98))
+        self.step = 0
+        self._noise = _noise_pool(settings.seed, settings.patch)
+
+    def advance(self) -> float:
+        """One optimiser step; returns its loss."""
+        patches = self._patches()
+        for group, rate in zip(self.optimiser.param_groups, self._rates(), strict=True):
+            group["lr"] = rate
+        loss = self._loss(*(torch.from_numpy(np.ascontiguousarray(p)) for p in patches.planes()))
+        self.optimiser.zero_grad(set_to_none=True)
+        loss.backward()  # type: ignore[no-untyped-call]
+        torch.nn.utils.clip_grad_norm_([*self.network.parameters(), *self.classes.parameters()], 1.0)
+        self.optimiser.step()
+        self.step += 1
+        decay = min(self.settings.ema, (1 + self.step) / (10 + self.step))
+        for kept, new in zip(self.averaged.parameters(), self.network.parameters(), strict=True):
+            kept.lerp_(new.detach(), 1 - decay)
+        return float(loss.detach())
+
+    def save(self, path: Path) -> None:
+        """Writes a checkpoint whole or not at all."""
+        state = {
+            "step": self.step,
+            "network": self.network.state_dict(),
+            "classes": self.classes.state_dict(),
+            "averaged": self.averaged.state_dict(),
+            "optimiser": self.optimiser.state_dict(),
+        }
+        part = path.with_suffix(".part")
+        torch.save(state, part)
+        part.replace(path)
+
+    def resume(self, path: Path) -> None:
+        """Continues from a checkpoint."""
+        state = torch.load(path, weights_only=True)
+        self.network.load_state_dict(state["network"])
+        self.classes.load_state_dict(state["classes"])
+        self.averaged.load_state_dict(state["averaged"])
+        self.optimiser.load_state_dict(state["optimiser"])
+        self.step = state["step"]
+
+    def _patches(self) -> Patches:
+        s = self.settings
+        shown = s.of_people if s.people else 0
+        rng = np.random.Generator(np.random.Philox(key=[s.seed, 1_000_000_000 + self.step]))
+        crops = [self._of_a_person(rng) for _ in range(shown)]
+        heaps = [draw_patches(s.seed, 1_000_000 + self.step * s.batch + i, 1, s.patch) for i in range(s.batch - shown)]
+        made = [*([Patches.stack(crops)] if crops else []), *heaps]
+        return Patches(*(np.concatenate(planes) for planes in zip(*(m.planes() for m in made), strict=True)))
+
+    def _of_a_person(self, rng: np.random.Generator) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
+        """A crop of one of the people that a training at this step may count on."""
+        s = self.settings
+        number = int(rng.integers(min(s.people, s.first + self.step // s.every)))
+        path = person_path(self.folder, s.seed, number)
+        _await(path)
+        views = open_person(path)
+        picture = views[int(rng.integers(len(views)))]
+        return crop(rng, picture, s.patch, np.exp(rng.uniform(0, 0.5)) if rng.random() < 0.4 else 1.0)
+
+    def _rates(self) -> tuple[float, float]:
+        """Learning rates of reader and denoiser: in each part a linear warm-up, then a cosine to a fiftieth."""
+        s = self.settings
+        reading = self.step < s.reading
+        done, length = (self.step, s.reading) if reading else (self.step - s.reading, s.steps - s.reading)
+        rate = s.rate * min(1.0, (done + 1) / 100) * (0.02 + 0.98 * 0.5 * (1 + float(np.cos(np.pi * done / length))))
+        return (rate, 0.0) if reading else (rate / 5, rate)
+
+    def _loss(self, rgb: torch.Tensor, matte: torch.Tensor, truth: torch.Tensor, kind: torch.Tensor) -> torch.Tensor:
+        clean = 2 * truth - 1
+        condition = self.network.reader(rgb, matte)
+        loss = reading_loss(condition, self.classes(condition), clean, kind, matte)
+        if self.step < self.settings.reading:
+            return loss
+        # Two random draws give signs, not errors: a noisy gradient, which passed down would undo what was read.
+        return loss + energy_score(*self._draws(condition.detach(), clean), clean, matte)
+
+    def _draws(self, condition: torch.Tensor, clean: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Two independent draws for every patch, each from its own noise at the patch's random time."""
+        generator = torch.Generator().manual_seed(self.settings.seed * 1_000_003 + self.step)
+        rows = len(clean)
+        # Half of the rows start from pure noise, which is what the first sampling step does.
+        times = torch.rand(rows, generator=generator).mul(0.9).add(0.05)
+        times[: rows // 2] = 1.0
+        times = times[torch.randperm(rows, generator=generator)]
+        state = noised(clean, torch.randn(clean.shape, generator=generator), times)
+        # Pure-noise rows get fresh noise in both draws: there the state is nothing but a source of chance.
+        fresh = torch.randn(clean.shape, generator=generator)
+        other = torch.where((times == 1)[:, None, None, None], fresh, state)
+        smooth = self._smooth(generator, 2 * rows, clean.shape[-1])
+        drawn = self.network.denoiser(
+            torch.cat([state, other]), smooth, torch.cat([condition, condition]), torch.cat([times, times])
+        )
+        first, second = drawn.chunk(2)
+        return first, second
+
+    def _smooth(self, generator: torch.Generator, rows: int, patch: int) -> torch.Tensor:
+        """Crops of ready noise fields, of different fields for the two draws of one patch."""
+        fields = torch.randperm(len(self._noise), generator=generator)[:rows].tolist()
+        places = torch.randint(0, self._noise.shape[-1] - patch, (rows, 2), generator=generator).tolist()
+        return torch.stack(
+            [self._noise[f, :, y : y + patch, x : x + patch] for f, (y, x) in zip(fields, places, strict=True)]
+        )
+
+
+def _await(path: Path) -> None:
+    """Waits for a picture that is being made beside the training."""
+    waited = 0.0
+    while not path.exists():
+        if waited > _PATIENCE:
+            raise JobError(
+                "A picture of the archive is missing",
+                str(path),
+                "the people that the settings count on",
+                "run `python -m yesnt.training FOLDER --only pictures`, or ask for fewer with --people",
+            )
+        time.sleep(1.0)
+        waited += 1.0
+
+
+def _noise_pool(seed: int, patch: int, count: int = 96) -> torch.Tensor:
+    """[count, smooth planes, side, side] ready fields: blurring anew at every step would cost more than the network."""
+    side = 2 * patch
+    return torch.from_numpy(np.stack([member_noise((seed, -1, k), side, side, SMOOTH_SIGMAS) for k in range(count)]))
+
+
+def train(trainer: Trainer, folder: Path, every: int = 100) -> Iterator[tuple[int, float]]:
+    """Runs to the last step; yields (step, mean loss) and saves a checkpoint and weights every `every` steps."""
+    losses: list[float] = []
+    while trainer.step < trainer.settings.steps:
+        losses.append(trainer.advance())
+        if trainer.step % every == 0 or trainer.step == trainer.settings.steps:
+            trainer.save(folder / "checkpoint.pt")
+            save_weights(trainer.averaged, folder / "embedded.safetensors")
+            yield trainer.step, float(np.mean(losses))
+            losses.clear()

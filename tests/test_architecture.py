@@ -13,7 +13,7 @@ PACKAGE = ROOT / "yesnt"
 LAYERS = (
     ("errors", "faults", "channels", "shot", "color", "camera", "blocks", "noise"),
     ("temporal", "relight", "decompose", "metrics", "composite"),
-    ("io", "stage", "embedded"),
+    ("io", "stage", "training", "embedded"),
     (
         "graph",
         "settings",

@@ -4,12 +4,15 @@ import torch
 
 from yesnt.decompose.embedded import EmbeddedBackend
 from yesnt.decompose.network import Network, NetworkShape, noised
-from yesnt.training.trainer import Trainer, TrainingSettings, energy_score, main, train
-from yesnt.decompose.weights import load_weights, save_weights
+from yesnt.decompose.weights import PATCH, load_weights, save_weights
 from yesnt.errors import CorruptError, JobError
+from yesnt.training import trainer as training
+from yesnt.training.__main__ import main
+from yesnt.training.losses import energy_score, reading_loss
+from yesnt.training.trainer import Trainer, TrainingSettings, train
 
 TINY = NetworkShape(widths=(8, 8, 16), depths=(1, 1, 1), condition=8, denoiser=(8, 8))
-SETTINGS = TrainingSettings(reading=2, steps=4, batch=4, crops=2, patch=32, bfloat16=False)
+SETTINGS = TrainingSettings(reading=2, steps=4, batch=2, people=0, patch=64)
 
 
 @pytest.fixture(scope="module")
@@ -53,15 +56,26 @@ def test_noising_keeps_the_variance():
     torch.testing.assert_close(noised(clean, noise, torch.ones(8)), noise, atol=1e-6, rtol=0)
 
 
+def test_reading_loss_wants_the_mean_and_the_class():
+    clean, matte = torch.full((2, 2, 8, 8), 0.5), torch.ones(2, 1, 8, 8)
+    kind = torch.zeros(2, 8, 8, dtype=torch.int64)
+    right = torch.full((2, 4, 4, 4), 0.5)
+    sure = torch.tensor([9.0, -9.0])[None, :, None, None].expand(2, 2, 4, 4)
+    best = float(reading_loss(right, sure, clean, kind, matte))
+    assert best < 1e-3
+    assert float(reading_loss(right + 0.1, sure, clean, kind, matte)) == pytest.approx(best + 0.01, abs=1e-4)
+    assert float(reading_loss(right, -sure, clean, kind, matte)) > 1
+
+
 def test_training_resumed_is_training_uninterrupted(tmp_path):
-    whole = Trainer(SETTINGS, TINY)
+    whole = Trainer(SETTINGS, TINY, tmp_path)
     for _ in train(whole, tmp_path, every=4):
         pass
-    first = Trainer(SETTINGS, TINY)
+    first = Trainer(SETTINGS, TINY, tmp_path)
     first.advance()
     first.advance()
     first.save(tmp_path / "checkpoint.pt")
-    second = Trainer(SETTINGS, TINY)
+    second = Trainer(SETTINGS, TINY, tmp_path)
     second.resume(tmp_path / "checkpoint.pt")
     second.advance()
     second.advance()
@@ -69,20 +83,35 @@ def test_training_resumed_is_training_uninterrupted(tmp_path):
         torch.testing.assert_close(a, b, atol=0, rtol=0)
 
 
-def test_training_lowers_the_loss(tmp_path):
-    trainer = Trainer(
-        TrainingSettings(reading=0, steps=60, batch=4, crops=4, patch=32, bfloat16=False, rate=5e-3), TINY
-    )
+@pytest.mark.parametrize("reading", [0, 60])
+def test_training_lowers_the_loss_in_both_parts(tmp_path, reading):
+    settings = TrainingSettings(reading=reading, steps=120, batch=2, people=0, patch=64, rate=5e-3)
+    trainer = Trainer(settings, TINY, tmp_path)
     losses = [trainer.advance() for _ in range(40)]
-    assert np.mean(losses[-8:]) < 0.8 * np.mean(losses[:4])
+    assert np.mean(losses[-10:]) < 0.85 * np.mean(losses[:4])
+
+
+def test_reading_leaves_the_denoiser_alone(tmp_path):
+    trainer = Trainer(SETTINGS, TINY, tmp_path)
+    before = [p.clone() for p in trainer.network.denoiser.parameters()]
+    trainer.advance()
+    for old, new in zip(before, trainer.network.denoiser.parameters(), strict=True):
+        assert torch.equal(old, new)
+
+
+def test_a_missing_picture_is_named_after_the_patience_ends(tmp_path, monkeypatch):
+    monkeypatch.setattr(training, "_PATIENCE", 0.0)
+    monkeypatch.setattr(training.time, "sleep", lambda seconds: None)
+    with pytest.raises(JobError, match="--only pictures"):
+        Trainer(TrainingSettings(batch=6, patch=32), TINY, tmp_path).advance()
 
 
 def test_command_writes_weights_that_load(tmp_path, monkeypatch):
-    monkeypatch.setattr("yesnt.training.trainer.NetworkShape", lambda: TINY)
-    assert main([str(tmp_path / "new"), "--steps", "1", "--float32"]) == 0
+    monkeypatch.setattr("yesnt.training.__main__.NetworkShape", lambda: TINY)
+    assert main([str(tmp_path / "new"), "--steps", "1", "--people", "0"]) == 0
     network, patch = load_weights(tmp_path / "new" / "embedded.safetensors")
     assert network.shape == TINY
-    assert patch == 96
+    assert patch == PATCH
 
 
 def test_draws_are_stochastic_bounded_and_keyed_by_noise(tiny_weights):
@@ -124,7 +153,7 @@ def test_number_of_steps_is_part_of_the_version_and_of_the_noise(tiny_weights):
 
 
 def test_missing_and_broken_weights_are_told_apart(tmp_path):
-    with pytest.raises(JobError, match="yesnt train"):
+    with pytest.raises(JobError, match="yesnt.training"):
         load_weights(tmp_path / "absent.safetensors")
     broken = tmp_path / "broken.safetensors"
     broken.write_bytes(b"no safetensors")

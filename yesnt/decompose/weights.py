@@ -46,7 +46,7 @@ def load_weights(path: Path) -> tuple[Network, int]:
             "the weights of the embedded model are missing",
             str(path),
             "a safetensors file",
-            "reinstall the package, or make it with `yesnt train`",
+            "reinstall the package, or make it with `python -m yesnt.training`",
         )
     try:
         with safe_open(path, "pt") as file:
@@ -57,7 +57,7 @@ def load_weights(path: Path) -> tuple[Network, int]:
         patch = int(header["patch"])
     except Exception as error:
         raise CorruptError(
-            f"the weights cannot be read ({error})", str(path), "a file written by `yesnt train`", "restore the file"
+            f"the weights cannot be read ({error})", str(path), "a file written by `python -m yesnt.training`", "restore the file"
         ) from error
     return channels_last(network.eval().requires_grad_(False)), patch
 

@@ -46,7 +46,7 @@ class TrainingSettings:
     steps: int = 3100
     batch: int = 8
     of_people: int = 5
-    people: int = 700
+    people: int = 400
     first: int = 80
     every: int = 4
     patch: int = PATCH

@@ -1,0 +1,94 @@
+import numpy as np
+import pytest
+
+from tests.training.puppet import puppet
+from yesnt.stage.outfits import athlete, courtier, explorer, performer
+from yesnt.training.bodies import PHENOTYPE, draw_phenotype, draw_pose
+from yesnt.training.outfits import draw_outfit
+from yesnt.training.people import HEIGHT, WIDTH, draw_person, photograph
+from yesnt.training.pictures import VIEWS, make_person, open_person, person_path
+from yesnt.training.synthetic.materials import CLASSES
+
+
+@pytest.fixture(scope="module")
+def body():
+    return puppet()
+
+
+@pytest.fixture(scope="module")
+def views(body):
+    rng = np.random.default_rng(3)
+    person = draw_person(rng, body)
+    return person, [photograph(rng, person) for _ in range(4)]
+
+
+def test_phenotypes_are_shapes_and_differ():
+    drawn = [draw_phenotype(0, n) for n in range(10)]
+    assert all(set(shape) == set(PHENOTYPE) and all(0 <= v <= 1 for v in shape.values()) for shape in drawn)
+    assert len({tuple(shape.values()) for shape in drawn}) == 10
+    assert drawn[3] == draw_phenotype(0, 3)
+
+
+def test_poses_turn_bones_that_exist(body):
+    for seed in range(20):
+        pose = draw_pose(np.random.default_rng(seed), body)
+        assert set(pose) <= set(body.bones)
+        for rotation in pose.values():
+            np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
+
+
+def test_everybody_has_skin_and_every_garment_a_material():
+    metals = 0
+    for seed in range(60):
+        outfit = draw_outfit(np.random.default_rng(seed))
+        assert outfit.layers[0].name == "skin"
+        assert outfit.layers[0].where == ()
+        assert len(outfit.materials()) == len(outfit.coat())
+        assert ((outfit.materials()["roughness"] > 0) & (outfit.materials()["roughness"] <= 1)).all()
+        metals += int((outfit.materials()["metallic"] == 1).any())
+    assert 15 < metals < 60
+
+
+def test_no_garment_of_the_stage_is_drawn():
+    """Places are drawn from intervals: only what the body itself decides lies where a measured subject has it."""
+    measured = {layer.where for coat in (athlete, courtier, explorer, performer) for layer in coat() if layer.where}
+    drawn = [layer for seed in range(200) for layer in draw_outfit(np.random.default_rng(seed)).layers]
+    assert {layer.name for layer in drawn if layer.where in measured} <= {"lips", "eyes", "collar", "toe caps"}
+
+
+def test_pictures_are_plausible(views):
+    person, pictures = views
+    for picture in pictures:
+        assert picture.rgb.shape == (3, HEIGHT, WIDTH)
+        inside = picture.matte > 0
+        assert 0.02 < inside.mean() < 1
+        assert np.isfinite(picture.rgb).all()
+        assert (picture.rgb >= 0).all()
+        assert (picture.rgb[:, ~inside] == 0).all()
+        assert (picture.kind[inside] >= 0).all()
+        assert (picture.kind[~inside] == -1).all()
+        roughness, metallic = picture.truth[:, inside]
+        assert (roughness >= 0.02).all()
+        assert (roughness <= 1).all()
+        assert set(np.unique(metallic)) <= {0, 1}
+    worn = {list(CLASSES)[kind] for kind in person.outfit.materials()["kind"]}
+    shown = {list(CLASSES)[k] for picture in pictures for k in np.unique(picture.kind) if k >= 0}
+    assert shown <= worn
+
+
+def test_a_plate_is_no_brighter_than_its_light_allows(views):
+    """Mean radiance of the light is 1: a surface that only reflects stays near or below its brightest panels."""
+    _, pictures = views
+    assert all(np.median(picture.rgb[:, picture.matte == 1]) < 1.2 for picture in pictures)
+
+
+def test_an_archive_is_made_once_and_is_a_function_of_seed_and_number(tmp_path, monkeypatch, body):
+    monkeypatch.setattr("yesnt.training.pictures.open_body", lambda path: body)
+    first, second = tmp_path / "a", tmp_path / "b"
+    assert make_person(first, 0, 5, [tmp_path])
+    assert not make_person(first, 0, 5, [tmp_path])
+    assert make_person(second, 0, 5, [tmp_path])
+    for a, b in zip(open_person(person_path(first, 0, 5)), open_person(person_path(second, 0, 5)), strict=True):
+        for name in ("rgb", "matte", "truth", "kind"):
+            np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+    assert len(open_person(person_path(first, 0, 5))) == VIEWS

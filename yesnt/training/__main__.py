@@ -6,7 +6,6 @@ import argparse
 import logging
 import time
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import torch
@@ -14,7 +13,7 @@ import torch
 from yesnt.decompose.network import NetworkShape
 from yesnt.stage.tools import anny_only
 from yesnt.training.bodies import make_bodies
-from yesnt.training.pictures import make_person
+from yesnt.training.pictures import PLAIN, make_person
 from yesnt.training.trainer import Trainer, TrainingSettings, train
 
 log = logging.getLogger("yesnt.train")
@@ -26,7 +25,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
     torch.set_num_threads(options.threads)
     options.folder.mkdir(parents=True, exist_ok=True)
-    settings = replace(TrainingSettings(), steps=options.steps, people=options.people, seed=options.seed)
+    settings = TrainingSettings(
+        seed=options.seed, reading=options.reading, steps=options.steps, finish=options.finish, people=options.people
+    )
     if options.only != "weights" and settings.people:
         _make_people(options.folder, settings)
     if options.only != "pictures":
@@ -37,7 +38,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="yesnt.training", description=__doc__)
     parser.add_argument("folder", type=Path, help="bodies, pictures, checkpoint and weights go here")
-    parser.add_argument("--steps", type=int, default=TrainingSettings.steps)
+    parser.add_argument("--reading", type=int, default=TrainingSettings.reading, help="steps of the first part")
+    parser.add_argument("--steps", type=int, default=TrainingSettings.steps, help="steps of the first two parts")
+    parser.add_argument("--finish", type=int, default=TrainingSettings.finish, help="steps of the third part")
     parser.add_argument("--people", type=int, default=TrainingSettings.people, help="0: things only, without `anny`")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--threads", type=int, default=1)
@@ -48,10 +51,11 @@ def _parser() -> argparse.ArgumentParser:
 def _make_people(folder: Path, settings: TrainingSettings) -> None:
     bodies = make_bodies(settings.seed, folder / "bodies", anny_only(folder))
     start, made = time.monotonic(), 0
-    for number in range(settings.people):
+    numbers = [*range(settings.people), *range(PLAIN, PLAIN + settings.bold)]
+    for number in numbers:
         made += make_person(folder, settings.seed, number, bodies)
         if made and number % 20 == 19:
-            log.info("person %d of %d, %.1f s each", number + 1, settings.people, (time.monotonic() - start) / made)
+            log.info("person %d of %d, %.1f s each", number + 1, len(numbers), (time.monotonic() - start) / made)
 
 
 def _train(folder: Path, settings: TrainingSettings) -> None:
@@ -62,7 +66,7 @@ def _train(folder: Path, settings: TrainingSettings) -> None:
     start, begun = time.monotonic(), trainer.step
     for step, loss in train(trainer, folder):
         rate = (step - begun) / (time.monotonic() - start)
-        log.info("step %d of %d, loss %.4f, %.2f steps/s", step, settings.steps, loss, rate)
+        log.info("step %d of %d, loss %.4f, %.2f steps/s", step, settings.last, loss, rate)
 
 
 if __name__ == "__main__":

@@ -37,11 +37,13 @@ class Outfit:
 
     Attributes:
         rng: source of every choice.
+        bold: probability that cloth is printed with checks, chequers, stripes or dots.
         layers: place and thickness of each garment.
         paints: its material, a `MATERIAL` record each.
     """
 
     rng: np.random.Generator
+    bold: float = 0.0
     layers: list[Layer] = field(default_factory=list)
     paints: list[NDArray[np.void]] = field(default_factory=list)
 
@@ -57,7 +59,7 @@ class Outfit:
 
     def paint(self, classes: Classes = ()) -> NDArray[np.void]:
         """A new material of one of the classes, or of any where none is named."""
-        return paint(self.rng, str(self.rng.choice(classes)) if classes else draw_class(self.rng))
+        return paint(self.rng, str(self.rng.choice(classes)) if classes else draw_class(self.rng), self.bold)
 
     def chance(self, probability: float) -> bool:
         """True so often."""
@@ -77,9 +79,9 @@ def _color(values: NDArray[np.float32]) -> tuple[float, float, float]:
     return red, green, blue
 
 
-def draw_outfit(rng: np.random.Generator) -> Outfit:
-    """Dresses a person from the skin outwards."""
-    outfit = Outfit(rng)
+def draw_outfit(rng: np.random.Generator, bold: float = 0.0) -> Outfit:
+    """Dresses a person from the skin outwards; `bold` is the probability that cloth is printed."""
+    outfit = Outfit(rng, bold)
     _bare(outfit)
     _legs(outfit)
     _shoes(outfit)

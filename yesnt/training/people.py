@@ -52,9 +52,9 @@ class Person:
     outfit: Outfit
 
 
-def draw_person(rng: np.random.Generator, body: Body) -> Person:
-    """Dresses a body."""
-    outfit = draw_outfit(rng)
+def draw_person(rng: np.random.Generator, body: Body, bold: float = 0.0) -> Person:
+    """Dresses a body; `bold` as for `draw_outfit`."""
+    outfit = draw_outfit(rng, bold)
     return Person(body, dress(body, outfit.coat(), folds=rng.uniform(0, 0.007)), outfit)
 
 

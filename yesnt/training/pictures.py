@@ -12,6 +12,12 @@ from yesnt.io.durable import durable_path
 from yesnt.training.people import draw_person, open_body, photograph
 from yesnt.training.synthetic.render import Rendering
 
+PLAIN = 400
+"""People in their everyday clothes; those with higher numbers wear bold prints, which everyday hardly shows."""
+
+BOLD = 0.6
+"""Probability that their cloth is printed."""
+
 VIEWS = 3
 """Poses, cameras and lights that each dressed person is seen in."""
 
@@ -27,7 +33,8 @@ def make_person(folder: Path, seed: int, number: int, bodies: Sequence[Path]) ->
     if path.exists():
         return False
     rng = np.random.Generator(np.random.Philox(key=[seed, number]))
-    person = draw_person(rng, open_body(bodies[number % len(bodies)]))
+    body = open_body(bodies[number % len(bodies)])
+    person = draw_person(rng, body, BOLD if number >= PLAIN else 0.0)
     views = [photograph(rng, person) for _ in range(VIEWS)]
     planes = {name: np.stack([getattr(view, name) for view in views]) for name in ("rgb", "matte", "truth", "kind")}
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -15,7 +15,7 @@ from yesnt.decompose.noise_planes import member_noise
 from yesnt.decompose.weights import PATCH, SMOOTH_SIGMAS, channels_last, save_weights
 from yesnt.errors import JobError
 from yesnt.training.losses import energy_score, reading_loss
-from yesnt.training.pictures import open_person, person_path
+from yesnt.training.pictures import PLAIN, open_person, person_path
 from yesnt.training.synthetic.dataset import Patches, crop, draw_patches
 from yesnt.training.synthetic.materials import CLASSES
 
@@ -30,10 +30,12 @@ class TrainingSettings:
     Attributes:
         seed: of data, noise and first weights.
         reading: steps of the first part, in which the reader alone learns what to expect.
-        steps: optimiser steps in all.
+        steps: optimiser steps of the first two parts; in the second the denoiser learns to draw.
+        finish: steps of the third part, in which both learn on, mostly from people in bold prints.
         batch: patches per step.
         of_people: how many of them show people; the others show heaps of things.
-        people: dressed people in the archive; 0: heaps alone.
+        people: dressed people that the first two parts see; 0: heaps alone.
+        bold: people in bold prints, numbered after those, for the third part.
         first: people that must be there before the first step.
         every: steps after which one more is asked for, so that pictures can be made while the training runs.
         patch: side of a patch.
@@ -44,14 +46,21 @@ class TrainingSettings:
     seed: int = 0
     reading: int = 2300
     steps: int = 3100
+    finish: int = 520
     batch: int = 8
     of_people: int = 5
-    people: int = 400
+    people: int = PLAIN
+    bold: int = 150
     first: int = 80
     every: int = 4
     patch: int = PATCH
     rate: float = 1.2e-3
     ema: float = 0.997
+
+    @property
+    def last(self) -> int:
+        """Steps of all parts."""
+        return self.steps + self.finish
 
 
 class Trainer:
@@ -131,6 +140,9 @@ class Trainer:
         """A crop of one of the people that a training at this step may count on."""
         s = self.settings
         number = int(rng.integers(min(s.people, s.first + self.step // s.every)))
+        if self.step >= s.steps and rng.random() < 0.65:
+            # As in the first part, with as many as can be there by now.
+            number = PLAIN + int(rng.integers(min(s.bold, s.first // 2 + (self.step - s.steps) // s.every)))
         path = person_path(self.folder, s.seed, number)
         _await(path)
         views = open_person(path)
@@ -138,12 +150,15 @@ class Trainer:
         return crop(rng, picture, s.patch, np.exp(rng.uniform(0, 0.5)) if rng.random() < 0.4 else 1.0)
 
     def _rates(self) -> tuple[float, float]:
-        """Learning rates of reader and denoiser: in each part a linear warm-up, then a cosine to a fiftieth."""
+        """Learning rates of reader and denoiser."""
         s = self.settings
-        reading = self.step < s.reading
-        done, length = (self.step, s.reading) if reading else (self.step - s.reading, s.steps - s.reading)
-        rate = s.rate * min(1.0, (done + 1) / 100) * (0.02 + 0.98 * 0.5 * (1 + float(np.cos(np.pi * done / length))))
-        return (rate, 0.0) if reading else (rate / 5, rate)
+        if self.step < s.reading:
+            return s.rate * _course(self.step, s.reading), 0.0
+        if self.step < s.steps:
+            rate = s.rate * _course(self.step - s.reading, s.steps - s.reading)
+            return rate / 5, rate
+        rate = s.rate * _course(self.step - s.steps, s.finish)
+        return 0.6 * rate, 0.6 * rate
 
     def _loss(self, rgb: torch.Tensor, matte: torch.Tensor, truth: torch.Tensor, kind: torch.Tensor) -> torch.Tensor:
         clean = 2 * truth - 1
@@ -182,6 +197,11 @@ class Trainer:
         )
 
 
+def _course(done: int, length: int) -> float:
+    """Share of the highest rate: a linear warm-up, then a cosine to a fiftieth."""
+    return min(1.0, (done + 1) / 100) * (0.02 + 0.98 * 0.5 * (1 + float(np.cos(np.pi * done / length))))
+
+
 def _await(path: Path) -> None:
     """Waits for a picture that is being made beside the training."""
     waited = 0.0
@@ -206,9 +226,9 @@ def _noise_pool(seed: int, patch: int, count: int = 96) -> torch.Tensor:
 def train(trainer: Trainer, folder: Path, every: int = 100) -> Iterator[tuple[int, float]]:
     """Runs to the last step; yields (step, mean loss) and saves a checkpoint and weights every `every` steps."""
     losses: list[float] = []
-    while trainer.step < trainer.settings.steps:
+    while trainer.step < trainer.settings.last:
         losses.append(trainer.advance())
-        if trainer.step % every == 0 or trainer.step == trainer.settings.steps:
+        if trainer.step % every == 0 or trainer.step == trainer.settings.last:
             trainer.save(folder / "checkpoint.pt")
             save_weights(trainer.averaged, folder / "embedded.safetensors")
             yield trainer.step, float(np.mean(losses))

@@ -89,6 +89,8 @@ class MaterialClass:
 
 
 _PRINTS = ("stripes", "checks", "dots", "blotches")
+_BOLD = ("checks", "checks", "chequers", "chequers", "stripes", "stripes", "dots")
+_PRINTABLE = ("woven", "knit", "satin", "denim", "leather")
 
 _TABLE = (
     # name, (mean, std, lowest, highest) of roughness, colours, tiles,
@@ -127,19 +129,24 @@ def draw_class(rng: np.random.Generator) -> str:
     return str(rng.choice(list(PRIOR), p=weights / weights.sum()))
 
 
-def paint(rng: np.random.Generator, name: str) -> NDArray[np.void]:
-    """Draws one material of a class: a `MATERIAL` record."""
+def paint(rng: np.random.Generator, name: str, bold: float = 0.0) -> NDArray[np.void]:
+    """Draws one material of a class: a `MATERIAL` record; cloth carries a print of hard edges with probability `bold`."""
     kind = CLASSES[name]
     material = np.zeros((), MATERIAL)
     mean, std, low, high = kind.roughness
     base = _colour(rng, kind)
     tile = str(rng.choice(kind.tiles))
+    dressed = bold > 0 and name in _PRINTABLE and rng.random() < bold
+    if dressed:
+        tile = str(rng.choice(_BOLD))
     # A print is two paints on one cloth: strong contrast, no other roughness.
-    printed = tile in _PRINTS
-    period = np.exp(rng.uniform(np.log(6), np.log(60)) if printed else rng.uniform(np.log(1.6), np.log(14)))
+    printed = dressed or tile in _PRINTS
+    finest, widest = (3.5, 40) if dressed else (6, 60) if printed else (1.6, 14)
+    period = np.exp(rng.uniform(np.log(finest), np.log(widest)))
     material["kind"] = list(CLASSES).index(name)
     material["base"] = base
-    material["second"] = _colour(rng, kind) if printed else base * rng.uniform(0.3, 0.9)
+    ends = _colour(rng, CLASSES["woven"] if dressed else kind) if printed else base * rng.uniform(0.3, 0.9)
+    material["second"] = ends
     material["pattern"] = tile_index(tile)
     material["frequency"] = SIZE / CYCLES / period
     material["turn"] = rng.uniform(-0.2, 0.2) + (np.pi / 2) * rng.integers(2)

@@ -17,7 +17,7 @@ CYCLES = 16
 
 NAMES = (
     "plain", "cloudy", "mottled", "gritty", "weave", "twill", "knit", "strands", "grain", "pores", "streaks",
-    "stripes", "checks", "dots", "blotches", "hammered",
+    "stripes", "checks", "dots", "blotches", "hammered", "chequers",
 )  # fmt: skip
 """Tile names in the order of `tile_bank`."""
 
@@ -52,6 +52,7 @@ def tile_bank() -> Float32:
         "dots": np.where(np.sin(x / 2) * np.sin(y / 2) > 0.5, 1.0, -0.3),
         "blotches": np.clip(4 * cloudy, -1, 1),
         "hammered": _cells(rng) ** 2,
+        "chequers": np.sign(np.sin(x / 2)) * np.sign(np.sin(y / 2)),
     }
     return np.stack([_centred(tiles[name]) for name in NAMES]).astype(np.float32)
 

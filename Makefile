@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/ready
 BENCHMARKS := engine_overhead engine_memory temporal_speed relight_speed
 
-.PHONY: demo test test-long lint bench blender clean help
+.PHONY: demo test test-long lint bench blender train clean help
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/'
@@ -32,6 +32,9 @@ bench: $(READY)  ## ratios that the documentation quotes; writes nothing
 	for name in $(BENCHMARKS); do echo "== $$name"; $(BIN)/python tests/benchmarks/$$name.py || exit 1; done
 
 blender: .venv-blender/ready .venv-anny/ready  ## Blender and the parametric human, each in its own environment
+
+train: $(READY) .venv-anny/ready  ## the embedded model's weights anew, into training/ (hours; resumes)
+	$(BIN)/python -m yesnt.training training
 
 .venv-blender/ready:
 	$(PYTHON) -m venv .venv-blender

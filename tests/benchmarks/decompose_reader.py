@@ -16,26 +16,27 @@ import torch
 from torch.nn import functional as F
 
 from yesnt.decompose.network import Network, NetworkShape
+from yesnt.decompose.weights import PATCH
 from yesnt.training.synthetic.dataset import Patches, draw_patches
 from yesnt.training.synthetic.materials import CLASSES
-from yesnt.training.trainer import hint_loss
-from yesnt.decompose.weights import PATCH
+from yesnt.training.losses import reading_loss
 
 SEED = 1_000_007
 """Of the pictures; training's own seed is 0."""
 
-SILENCED = ("merge1.coarse", "merge2.coarse", "statistics", "bottom.0", "middle.0")
+SILENCED = ("merges.0.coarse", "merges.1.coarse", "merges.2.coarse", "statistics", "overview.mix.2")
 
 
-def figures(reader, hints, patches):
+def figures(reader, classes, patches):
     losses, hits, squares, variances = [], [], [], []
     for rows in np.array_split(np.arange(len(patches.rgb)), max(1, len(patches.rgb) // 20)):
         rgb, matte, truth, kind = (torch.from_numpy(np.ascontiguousarray(p[rows])) for p in patches.planes())
         with torch.no_grad():
-            read = hints(reader(rgb, matte))
-        losses.append(float(hint_loss(read, 2 * truth - 1, kind, matte)))
+            read = reader(rgb, matte)
+            told = classes(read)
+        losses.append(float(reading_loss(read, told, 2 * truth - 1, kind, matte)))
         inside = F.avg_pool2d(matte, 2)[:, 0] > 0.99
-        hits.append(float((read[:, 2:].argmax(1) == kind[:, ::2, ::2])[inside].float().mean()))
+        hits.append(float((told.argmax(1) == kind[:, ::2, ::2])[inside].float().mean()))
         clean = F.avg_pool2d(truth[:, :1], 2)[:, 0][inside]
         squares.append(float(((read[:, 0] + 1) / 2)[inside].sub(clean).square().mean()))
         variances.append(clean)
@@ -49,26 +50,26 @@ def main():
     options = parser.parse_args()
     torch.set_num_threads(1)
     state, shape = torch.load(options.checkpoint, weights_only=True), NetworkShape()
-    network, hints = Network(shape), torch.nn.Conv2d(shape.condition, 2 + len(CLASSES), 1)
+    network, classes = Network(shape), torch.nn.Conv2d(shape.condition, len(CLASSES), 1)
     network.load_state_dict(state["network"])
-    hints.load_state_dict(state["hints"])
+    classes.load_state_dict(state["classes"])
     drawn = [draw_patches(SEED, i, 2, PATCH).planes() for i in range(options.pictures)]
     patches = Patches(*(np.concatenate(planes) for planes in zip(*drawn, strict=True)))
     reader = network.reader
-    loss, accuracy, error, constant = figures(reader, hints, patches)
+    loss, accuracy, error, constant = figures(reader, classes, patches)
     print(f"step {state['step']}: loss {loss:.3f}, class accuracy {accuracy:.3f}")
     print(f"roughness: RMSE of the regression {error:.4f}, of the best constant {constant:.4f}")
     modules = dict(reader.named_modules())
     for name in SILENCED:
-        layer = getattr(modules[name], "second", modules[name])
+        layer = modules[name]
         kept = layer.weight.detach().clone()
         layer.weight.data.zero_()
-        print(f"without {name:14s} {figures(reader, hints, patches)[0] / loss:.3f} of the loss")
+        print(f"without {name:14s} {figures(reader, classes, patches)[0] / loss:.3f} of the loss")
         layer.weight.data.copy_(kept)
     loud = {}
-    for name in ("top.0", "middle.0", "middle.1", "bottom.0", "bottom.1", "bottom.2"):
+    for name in ("levels.0", "levels.1", "levels.2", "levels.3"):
         modules[name].register_forward_hook(lambda _, __, out, name=name: loud.update({name: float(out.std())}))
-    figures(reader, hints, Patches(*(p[:8] for p in patches.planes())))
+    figures(reader, classes, Patches(*(p[:8] for p in patches.planes())))
     print("standard deviation of the levels:", ", ".join(f"{name} {value:.1f}" for name, value in loud.items()))
 
 

@@ -38,8 +38,8 @@ def test_weights_are_small():
 
 def test_threads_do_not_change_a_bit():
     backend, generator = EmbeddedBackend(), torch.Generator().manual_seed(0)
-    rgb, matte = torch.rand(8, 3, 96, 96, generator=generator), torch.ones(8, 1, 96, 96)
-    noise = torch.randn(8, len(backend.noise_sigmas), 96, 96, generator=generator)
+    rgb, matte = torch.rand(8, 3, 128, 128, generator=generator), torch.ones(8, 1, 128, 128)
+    noise = torch.randn(8, len(backend.noise_sigmas), 128, 128, generator=generator)
     threads, draws = torch.get_num_threads(), []
     try:
         for number in (1, 2):

@@ -29,9 +29,10 @@ for _side, _sign in (("L", 1.0), ("R", -1.0)):
     for _finger in range(2, 6):
         _parent = f"wrist.{_side}"
         for _joint in range(1, 4):
-            _start = np.array([(0.63 + 0.02 * (_joint - 1)) * _sign, 0.01 * (_finger - 3.5), 0.94 - 0.02 * (_joint - 1)])
+            _along = 0.02 * (_joint - 1)
+            _start = np.array([(0.63 + _along) * _sign, 0.01 * (_finger - 3.5), 0.94 - _along])
             _CHAINS[f"finger{_finger}-{_joint}.{_side}"] = (
-                _parent, tuple(_start), tuple(_start + [0.02 * _sign, 0, -0.02]), 0.008,
+                _parent, tuple(_start), tuple(_start + np.array([0.02 * _sign, 0, -0.02])), 0.008,
             )  # fmt: skip
             _parent = f"finger{_finger}-{_joint}.{_side}"
 

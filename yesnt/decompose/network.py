@@ -107,8 +107,9 @@ class Overview(nn.Module):
     def __init__(self, channels: int) -> None:
         super().__init__()
         self.norm = PixelNorm(channels)
-        self.mix = nn.Sequential(nn.Linear(channels, channels), nn.SiLU(), nn.Linear(channels, channels))
-        nn.init.zeros_(self.mix[2].weight)
+        last = nn.Linear(channels, channels)
+        nn.init.zeros_(last.weight)
+        self.mix = nn.Sequential(nn.Linear(channels, channels), nn.SiLU(), last)
 
     def forward(self, x: torch.Tensor, cover: torch.Tensor) -> torch.Tensor:
         """[B, C, h, w] and coverage [B, 1, h, w] to [B, C, h, w]."""
@@ -126,7 +127,8 @@ class Reader(nn.Module):
         self.stem = nn.Conv2d(16, widths[0], 3, padding=1)
         self.statistics = nn.Conv2d(STATISTICS, widths[0], 1)
         self.levels = nn.ModuleList(
-            nn.ModuleList(Block(width) for _ in range(depth)) for width, depth in zip(widths, shape.depths, strict=True)
+            nn.Sequential(*(Block(width) for _ in range(depth)))
+            for width, depth in zip(widths, shape.depths, strict=True)
         )
         self.downs = nn.ModuleList(nn.Sequential(PixelNorm(a), nn.Conv2d(a, b, 2, stride=2)) for a, b in pairs)
         self.overview = Overview(widths[-1])
@@ -149,12 +151,11 @@ class Reader(nn.Module):
             statistics = surroundings(code, matte)
         x = self.stem(F.pixel_unshuffle(torch.cat([code, matte], 1), 2)) + self.statistics(statistics)
         fine = []
-        for number, blocks in enumerate(self.levels):
+        for number, level in enumerate(self.levels):
             if number:
                 fine.append(x)
                 x = self.downs[number - 1](x)
-            for block in blocks:
-                x = block(x)
+            x = level(x)
         x = self.overview(x, F.avg_pool2d(matte, matte.shape[-1] // x.shape[-1]))
         for merge, rise, seen in zip(reversed(self.merges), reversed(self.rises), reversed(fine), strict=True):
             x = rise(merge(seen, x))

@@ -57,7 +57,10 @@ def load_weights(path: Path) -> tuple[Network, int]:
         patch = int(header["patch"])
     except Exception as error:
         raise CorruptError(
-            f"the weights cannot be read ({error})", str(path), "a file written by `python -m yesnt.training`", "restore the file"
+            f"the weights cannot be read ({error})",
+            str(path),
+            "a file written by `python -m yesnt.training`",
+            "restore the file",
         ) from error
     return channels_last(network.eval().requires_grad_(False)), patch
 

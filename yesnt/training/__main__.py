@@ -1,4 +1,4 @@
-"""`python -m yesnt.training FOLDER`: makes what is missing (bodies, people, then weights) and resumes what was begun."""
+"""`python -m yesnt.training FOLDER`: bodies, people, then weights; resumes what was begun."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--people", type=int, default=TrainingSettings.people, help="0: things only, without `anny`")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--threads", type=int, default=1)
-    parser.add_argument("--only", choices=("pictures", "weights"), help="one of the two parts; they may run side by side")
+    parser.add_argument("--only", choices=("pictures", "weights"), help="one part; they may run side by side")
     return parser
 
 

@@ -137,7 +137,7 @@ class _View:
         return np.einsum("hwk,hwk...->hw...", self.weights, taken)
 
 
-def _cast(camera: Camera, scene: ProxyScene, rays: Float64) -> Any:
+def _cast(camera: Camera, scene: ProxyScene, rays: NDArray[np.floating]) -> Any:
     """First hits of rays [R, 3] from the eye; `tfar` is a distance in metres."""
     unit = (rays / np.linalg.norm(rays, axis=1, keepdims=True)).astype(np.float32)
     eye = np.broadcast_to(camera.position(0).astype(np.float32), unit.shape)

@@ -1,4 +1,4 @@
-"""Trains the embedded model; everything random is keyed by the step, so that a resumed training is an uninterrupted one."""
+"""Trains the embedded model; everything random is keyed by the step, so a resumed training is an uninterrupted one."""
 
 from __future__ import annotations
 

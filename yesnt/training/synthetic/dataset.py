@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -88,10 +89,11 @@ def crop(rng: np.random.Generator, picture: Rendering, patch: int, shrink: float
     return np.ascontiguousarray(planes, dtype=np.float32)
 
 
-def _window(picture: Rendering, window: tuple[object, ...], patch: int) -> Float32:
+def _window(picture: Rendering, window: Any, patch: int) -> Float32:
     """A part of a picture at the patch's size: associated rgb, matte, straight truth, class."""
-    rgb, matte, truth, kind = (np.asarray(p[window]) for p in (picture.rgb, picture.matte, picture.truth, picture.kind))
-    planes = np.concatenate([rgb, matte[None], truth * matte, kind[None]]).astype(np.float32)
+    matte = picture.matte[window]
+    associated = [picture.rgb[window], matte[None], picture.truth[window] * matte, picture.kind[window][None]]
+    planes = np.concatenate([plane.astype(np.float32) for plane in associated])
     if planes.shape[-1] != patch:
         shrunk = [cv2.resize(plane, (patch, patch), interpolation=cv2.INTER_AREA) for plane in planes[:6]]
         planes = np.stack([*shrunk, cv2.resize(planes[6], (patch, patch), interpolation=cv2.INTER_NEAREST)])

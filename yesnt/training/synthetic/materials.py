@@ -130,7 +130,7 @@ def draw_class(rng: np.random.Generator) -> str:
 
 
 def paint(rng: np.random.Generator, name: str, bold: float = 0.0) -> NDArray[np.void]:
-    """Draws one material of a class: a `MATERIAL` record; cloth carries a print of hard edges with probability `bold`."""
+    """Draws one material of a class, a `MATERIAL` record; cloth carries a hard-edged print with probability `bold`."""
     kind = CLASSES[name]
     material = np.zeros((), MATERIAL)
     mean, std, low, high = kind.roughness

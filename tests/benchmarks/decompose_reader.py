@@ -17,9 +17,9 @@ from torch.nn import functional as F
 
 from yesnt.decompose.network import Network, NetworkShape
 from yesnt.decompose.weights import PATCH
+from yesnt.training.losses import reading_loss
 from yesnt.training.synthetic.dataset import Patches, draw_patches
 from yesnt.training.synthetic.materials import CLASSES
-from yesnt.training.losses import reading_loss
 
 SEED = 1_000_007
 """Of the pictures; training's own seed is 0."""

@@ -57,11 +57,23 @@ SPOILERS = {
         lambda d: write_exr(d / "plate.1002.exr", {c: np.zeros((8, 8), np.float16) for c in "RGBA"}),
         "8x8.*40x32",
     ),
+    "a header of 10^6 x 10^6 pixels": (lambda d: claim(d / "plate.1002.exr", 1_000_000), r"limit|claims.*plate\.1002"),
     "no camera": (lambda d: (d / "camera.json").unlink(), "camera file is missing"),
     "broken camera": (lambda d: (d / "camera.json").write_text("{"), "camera file cannot be read"),
     "no pose": (lambda d: repose(d), "no pose for frame 1004"),
     "broken mesh": (lambda d: (d / "proxy.1001.ply").write_text("ply\n"), "proxy mesh is damaged|no usable triangles"),
 }
+
+
+def claim(path: Path, side: int) -> None:
+    """Makes an EXR's header claim a picture of this side; its pixels stay as they are."""
+    import struct
+
+    data = bytearray(path.read_bytes())
+    for window in (b"dataWindow\0box2i\0", b"displayWindow\0box2i\0"):
+        start = data.index(window) + len(window) + 4
+        data[start : start + 16] = struct.pack("<4i", 0, 0, side - 1, side - 1)
+    path.write_bytes(data)
 
 
 def spoil_light(folder: Path, value: float) -> None:
@@ -144,3 +156,12 @@ def test_a_second_driver_is_refused_and_named(tiny_shot: Path) -> None:
     output = OutputFolder.of(resolve(tiny_shot).job)
     with output.lock(), pytest.raises(JobError, match=r"run already by .*pid"), output.lock():
         pass
+
+
+def test_a_second_driver_is_told_before_it_starts_workers(tiny_shot: Path) -> None:
+    output = OutputFolder.of(resolve(tiny_shot).job)
+    output.refuse_if_running()
+    assert not output.root.exists()
+    with output.lock(), pytest.raises(JobError, match=r"run already by .*pid"):
+        check(tiny_shot)
+    assert check(tiny_shot) == []

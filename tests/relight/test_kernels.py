@@ -6,7 +6,7 @@ from tests.relight.scenes import sky
 from yesnt.relight import EnvMap, prepare_light
 from yesnt.relight.brdf import evaluate_paper
 from yesnt.relight.combine import normalise, response
-from yesnt.relight.kernels import IRRADIANCE, METAL_F0, METAL_F90, sum_lobes
+from yesnt.relight.kernels import IRRADIANCE, LIT, METAL_F0, METAL_F90, OPEN_LIGHT, sum_lobes
 from yesnt.relight.points import Pixels
 
 
@@ -29,7 +29,7 @@ def integrate(px, light, brdf="default"):
 def test_full_sum_equals_the_float64_reference(roughness):
     light, px = prepare_light(sky(32), 2048, 64), pixels(np.float32(roughness))
     sums = integrate(px, light, "paper")
-    wide = [a.astype(np.float64) for a in (px.normal, px.view, light.direction.T, light.energy.T)]
+    wide = [a.astype(np.float64) for a in (px.normal, px.view, light.texels.direction.T, light.texels.energy.T)]
     normal, view, direction = (a / np.linalg.norm(a, axis=1, keepdims=True) for a in wide[:3])
     energy = wide[3]
     args = (normal[:, None], direction[None], view[:, None], np.full((300, 1, 3), 0.7))
@@ -85,18 +85,27 @@ def test_map_normal_and_view_turned_together_change_nothing():
     assert (np.abs(one - two) / np.maximum(scale, 1e-6)).max() < 1e-5
 
 
-def test_visibility_and_bounce_replace_light():
+def test_what_is_hidden_is_replaced_by_what_bounces():
     light, px = prepare_light(sky(32), 512, 32), pixels(np.float32(0.6))
     lobes = px.lobes(slice(0, 300), "default")
-    clusters = light.clusters.direction.shape[1]
     whole = sum_lobes(lobes, light, None, None)
-    ones = np.ones((300, clusters), np.float32)
-    assert np.array_equal(sum_lobes(lobes, light, ones, None), whole)
-    dark = sum_lobes(lobes, light, 0 * ones, None)
-    assert (dark[:, :12] == 0).all()
-    assert np.array_equal(dark[:, 12:], whole[:, 12:])  # what would arrive in the open stays
-    glow = np.full((3, 300, clusters), 0.5, np.float32)
-    assert np.allclose(sum_lobes(lobes, light, 0 * ones, glow)[:, 0], 0.5 * whole[:, 16], rtol=1e-4)
+    nothing = np.zeros((300, len(light.clusters)), bool)
+    assert np.array_equal(sum_lobes(lobes, light, nothing, None), whole)
+    dark = sum_lobes(lobes, light, ~nothing, None)
+    assert (dark[:, LIT] == 0).all()
+    ratio = dark[:, OPEN_LIGHT].mean(0) / whole[:, OPEN_LIGHT].mean(0)
+    assert np.allclose(ratio[[0, 2]], 1, atol=0.05)  # what would arrive in the open stays
+    glow = np.full((3, 300, len(light.clusters)), 0.5, np.float32)
+    lit = sum_lobes(lobes, light, ~nothing, glow)
+    assert np.allclose(lit[:, [0, 6, 9]], 0.5 * lit[:, [16, 18, 19]], rtol=1e-4)
+
+
+def test_light_is_what_is_seen_plus_what_is_hidden():
+    light, px = prepare_light(sky(32), 512, 32), pixels(np.float32(0.6))
+    lobes = px.lobes(slice(0, 300), "default")
+    hidden = np.random.default_rng(0).random((300, len(light.clusters))) < 0.4
+    parts = [sum_lobes(lobes, light, mask, None)[:, LIT] for mask in (hidden, ~hidden)]
+    assert np.allclose(parts[0] + parts[1], sum_lobes(lobes, light, None, None)[:, LIT], rtol=1e-4, atol=1e-4)
 
 
 @pytest.mark.parametrize("roughness", [0.2, 0.3, 0.4, 0.6, 1.0])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +12,9 @@ from numpy.typing import NDArray
 from yesnt.relight.combine import Response, normalise, response, shadow_ratio
 from yesnt.relight.edges import resolve_edges
 from yesnt.relight.envmap import EnvMap
-from yesnt.relight.kernels import COLUMNS, sum_lobes
+from yesnt.relight.kernels import COLUMNS, LIT, sum_lobes
 from yesnt.relight.lights import PreparedLight, prepare_light
-from yesnt.relight.occlusion import Occluders, find_occluders, occlusion
+from yesnt.relight.occlusion import Occluders, find_occluders, occlusion, single_factor
 from yesnt.relight.points import Pixels, Surface, gather_pixels
 from yesnt.relight.proxy import ProxyScene
 from yesnt.relight.settings import RelightSettings
@@ -69,9 +70,10 @@ def prepare_capture(env: EnvMap, settings: RelightSettings) -> PreparedLight:
     return prepare_light(env, settings.capture_texels, settings.capture_clusters, **_grid(settings))
 
 
-def _grid(settings: RelightSettings) -> dict[str, int]:
+def _grid(settings: RelightSettings) -> dict[str, Any]:
     """The plain formula sums a small map as it is; otherwise it is subdivided, which changes nothing but the error."""
-    return {"rows": settings.rows, "least": 1 if settings.brdf == "paper" else LEAST_ROWS}
+    least = 1 if settings.brdf == "paper" else LEAST_ROWS
+    return {"rows": settings.rows, "least": least, "detail": settings.detail}
 
 
 def relight_frame(
@@ -124,7 +126,8 @@ def shade_pixels(
     sums = integrate(base, pixels, occluders, light, settings)
     weights: Response = response(sums, pixels, settings.brdf)
     shadow = np.ones(pixels.shape, dtype=np.float32)
-    shadow.reshape(-1)[pixels.index] = shadow_ratio(sums, pixels, base, settings.brdf)
+    if occluders.proxy is not None or occluders.depth is not None:
+        shadow.reshape(-1)[pixels.index] = shadow_ratio(sums, pixels, base, settings.brdf)
     diffuse, specular = pixels.image(base * weights.diffuse), pixels.image(weights.specular(base))
     return RelitFrame(pixels.image(base), diffuse, specular, shadow)
 
@@ -156,9 +159,11 @@ def integrate(base: F32, pixels: Pixels, occluders: Occluders, light: PreparedLi
     tiles = [np.zeros((0, COLUMNS), dtype=np.float32)]
     for first in range(0, len(base), settings.tile):
         part = slice(first, min(first + settings.tile, len(base)))
-        visible, bounced = occlusion(occluders, pixels, part, light, glow, settings)
+        hidden, bounced = occlusion(occluders, pixels, part, light, glow, settings)
         lobes = pixels.lobes(part, settings.brdf)
         plain = settings.brdf == "paper"
-        sums = _engine(settings)(lobes, light, visible, bounced, not plain)
+        sums = _engine(settings)(lobes, light, hidden, bounced, not plain)
+        if settings.shadows == "single":
+            sums[:, LIT] *= single_factor(occluders, pixels, part, light, settings)
         tiles.append(sums if plain else normalise(sums, pixels, part))
     return np.concatenate(tiles)

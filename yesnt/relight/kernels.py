@@ -5,6 +5,16 @@ tangent part q_t = (t.l + t.v, b.l) and squared length q = |q_t|^2 + s^2, so tha
     D = a2 q^2 / (pi (|q_t|^2 + a2 s^2)^2)   and   v.h = sqrt(q) / 2:
 sums of squares only, which keeps float32 exact at the peak of a sharp lobe where 1 - (n.h)^2 would cancel.
 
+A texel is a disc, not a point. In slopes m = q_t / s GGX is a2 / (pi (m^2 + a2)^2): the stereographic image of the uniform
+sphere, which maps discs to caps. So the mean of D over a disc of squared radius d is exact:
+    with x = m^2 + a2 - d and r = sqrt(x^2 + 4 a2 d):  2 a2 / (pi r (r + x)),
+and a lobe of any sharpness falls between no texels, nor does its tail grow when texels do.
+
+A pixel first chooses what it sums: nothing of clusters below its horizon, one direction for clusters that are hidden (they
+glow with what bounces), and texels of a size that its lobe can bear of all others. These are copied into a short scratch
+that stays in the cache, whose loops have no branch. Irradiance needs no texels but at the horizon: above it the clamped
+cosine is linear, and a cluster's first moment is exact.
+
 Every lobe is linear in what later multiplies it, so one pass serves both relighting and the removal of capture light.
 Results do not depend on the number of threads: a pixel is summed by one thread in one order.
 """
@@ -20,11 +30,14 @@ from numpy.typing import NDArray
 
 from yesnt.color import LUMINANCE_REC709
 from yesnt.relight.brdf import COS_MIN, dielectric_fresnel
-from yesnt.relight.lights import BLOCK, PreparedLight
+from yesnt.relight.lights import Clusters, PreparedLight
 
 F32 = NDArray[np.float32]
 
 _GROUP = 32  # pixels that share a scratch allocation
+_SCRATCH = 1024  # texels gathered at a time: 32 kB
+_STRIDE = 1040  # floats from row to row of the scratch: rows a power of two apart share a cache set
+_LONG = 16  # blocks that are worth a loop of their own: it costs as much to start as it does to gather so many
 _COS_NODES = np.linspace(0.0, 1.0, 2001)
 FRESNEL = (
     np.polynomial.Polynomial.fit(_COS_NODES, dielectric_fresnel(_COS_NODES), 7)
@@ -35,11 +48,16 @@ FRESNEL = (
 _C0, _C1, _C2, _C3, _C4, _C5, _C6, _C7 = (np.float32(c) for c in FRESNEL)  # within 1e-3 of the exact Fresnel
 _HALF = np.float32(0.5)
 _ONE = np.float32(1.0)
+_TWO = np.float32(2.0)
 _ZERO = np.float32(0.0)
 _INV_2PI = np.float32(0.5 / math.pi)
+_RED, _GREEN, _BLUE = (np.float32(w) for w in LUMINANCE_REC709)
 
 IRRADIANCE, DIELECTRIC, METAL_F0, METAL_F90 = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
 """Columns of `sum_lobes`' result: R, G, B each."""
+
+LIT = slice(0, 12)
+"""All of them."""
 
 OPEN_LIGHT = slice(12, 16)
 """The same four sums for luminance with nothing occluded."""
@@ -49,8 +67,12 @@ WHITE = slice(16, 20)
 
 COLUMNS = 20
 
-SHARP = 0.1
-"""alpha_ggx that 2,048 texels still resolve to 40 dB of the full sum (docs/relight.md)."""
+WIDEN = 0.5
+"""Squared radius of a texel's disc of half vectors over its angular variance, times n.v: half the area is d^2 / 2 of a disc, and
+half vectors fill 1 / (4 v.h) of the solid angle of the light (Walter 2007, eq. 14)."""
+
+LEAST_COSINE = 0.3
+"""n.v below which a lobe is taken to grow no narrower across the plane of incidence: it grows longer along it."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +82,7 @@ class ShadingPoints:
     Attributes:
         normal: [3, P] unit, world.
         view: [3, P] unit, world, towards the camera.
-        alpha: [P] alpha_ggx; each texel widens the lobe by its own angular size, so that none falls between texels.
+        alpha: [P] alpha_ggx.
         dielectric: [P] uint8, 1 where the dielectric lobe is wanted.
         metal: [P] uint8, 1 where the metallic (Schlick) lobe is wanted.
     """
@@ -73,17 +95,21 @@ class ShadingPoints:
 
 
 def sum_lobes(
-    points: ShadingPoints, light: PreparedLight, visible: F32 | None, bounce: F32 | None, filtered: bool = True
+    points: ShadingPoints,
+    light: PreparedLight,
+    hidden: NDArray[np.bool_] | None,
+    bounce: F32 | None,
+    filtered: bool = True,
 ) -> F32:
     """Integrates the light's texels over the lobes of every pixel.
 
     Args:
         points: the pixels.
         light: the texels.
-        visible: [P, C] visibility of each light cluster in [0, 1]; None: all 1.
-        bounce: [3, P, C] radiance that comes from the cluster's direction instead of its light; None: 0.
-
-        filtered: widen each lobe by each texel's own size, so that none falls between texels; False: plain samples.
+        hidden: [P, C] which light clusters something stands before; None: nothing.
+        bounce: [3, P, C] radiance that comes from a hidden cluster's direction instead of its light; None: 0.
+        filtered: average each lobe over each texel, and take finer texels where a lobe is sharp; False: plain samples of
+            level 0.
 
     Returns:
         [P, 20]: irradiance, dielectric, F0 and F90 parts of the metallic lobe (RGB each), then the four sums of the
@@ -92,110 +118,224 @@ def sum_lobes(
     count = points.alpha.shape[0]
     out = np.zeros((count, COLUMNS), dtype=np.float32)
     if count:
-        empty = np.zeros((0, 0), dtype=np.float32)
+        nothing = np.zeros((0, 0), dtype=np.bool_)
         glow = np.zeros((3, 0, 0), dtype=np.float32) if bounce is None else bounce
-        weights = np.asarray(LUMINANCE_REC709, dtype=np.float32)
-        widen = light.spread if filtered else np.zeros_like(light.spread)
+        texels = light.texels
         _sum_lobes(
             (points.normal, points.view, points.alpha, points.dielectric, points.metal),
-            (light.direction, light.energy, weights @ light.energy, light.solid_angle, light.cluster_of, widen),
-            (light.cone, light.cluster_cone, light.coarse_start, light.fine_start, sharp_below(light, filtered)),
-            empty if visible is None else visible,
-            glow,
+            (texels.rows, texels.packed, texels.start, texels.size),
+            (light.cone, light.moment, cluster_rows(light.clusters)),
+            (nothing if hidden is None else hidden, glow),
+            (np.float32(light.detail if filtered else np.inf), np.float32(WIDEN if filtered else 0.0)),
             out,
         )
     return out
 
 
-def sharp_below(light: PreparedLight, filtered: bool) -> np.float32:
-    """alpha_ggx below which a lobe takes the fine cells: it shrinks as the texels do."""
-    texels = int(light.coarse_start[-1])
-    fine = filtered and light.direction.shape[1] > texels
-    return np.float32(SHARP * math.sqrt(2048 / texels) if fine else 0.0)
+def cluster_rows(clusters: Clusters) -> F32:
+    """Clusters as texels: rows [8, C], as `Texels.rows`."""
+    return np.concatenate([clusters.direction, clusters.energy, clusters.solid_angle[None], clusters.spread[None]])
 
 
 @njit(cache=True, parallel=True, fastmath=True, error_model="numpy")
-def _sum_lobes(points, light, cuts, visible, bounce, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    normal, view, alpha, dielectric, metal = points
-    count = alpha.shape[0]
+def _sum_lobes(points, texels, clusters, blocked, sizes, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    count, parts = points[2].shape[0], clusters[0].shape[1]
     for group in prange((count + _GROUP - 1) // _GROUP):
-        lit = np.empty(light[1].shape, dtype=np.float32)
-        ranges = np.empty((max(cuts[0].shape[1], cuts[1].shape[1]), 2), dtype=np.int32)
-        occluded = (visible, bounce, lit)
-        frame = np.empty(11, dtype=np.float32)
+        choice = (np.empty(parts, dtype=np.float32), np.empty(parts, dtype=np.int32), np.zeros(parts, dtype=np.uint8))
+        runs, frame = np.empty((parts, 2), dtype=np.int32), np.empty(12, dtype=np.float32)
+        packed, glow = np.empty((8, _STRIDE // 2), dtype=np.float64), clusters[2].copy()
+        scratch = (packed, packed.view(np.float32), glow, np.empty(COLUMNS, dtype=np.float32))
         for p in range(group * _GROUP, min(count, (group + 1) * _GROUP)):
-            _frame(normal[0, p], normal[1, p], normal[2, p], view[0, p], view[1, p], view[2, p], frame)
-            used = _sharp_ranges(frame, alpha[p], cuts, ranges) if alpha[p] < cuts[4] else _ranges(frame, cuts, ranges)
-            if dielectric[p]:
-                _dielectric_lobe(p, frame, alpha[p], light, ranges[:used], occluded, out[p])
-            if metal[p]:
-                _metal_lobe(p, frame, alpha[p], light, ranges[:used], occluded, out[p])
+            _one_pixel(p, points, texels, clusters, blocked, sizes, scratch, choice, runs, frame, out[p])
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def _ranges(frame, cuts, ranges):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Ranges of texels that are not wholly below the horizon: how many were written."""
-    cone, texels = cuts[0], cuts[2][-1]
-    used = 0
-    for block in range(cone.shape[1]):
-        if cone[0, block] * frame[0] + cone[1, block] * frame[1] + cone[2, block] * frame[2] > -cone[3, block]:
-            ranges[used, 0], ranges[used, 1] = block * BLOCK, min((block + 1) * BLOCK, texels)
-            used += 1
-    return used
+def _one_pixel(p, points, texels, clusters, blocked, sizes, scratch, choice, runs, frame, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    normal, view, alpha, dielectric, metal = points
+    cone, start = clusters[0], texels[2]
+    facing, level, behind = choice
+    _frame(normal[0, p], normal[1, p], normal[2, p], view[0, p], view[1, p], view[2, p], frame)
+    frame[11] = alpha[p]
+    widen = sizes[1] / max(frame[9], np.float32(LEAST_COSINE))
+    shut = _hide(blocked[0], p, behind)
+    _choose(frame, sizes[0], texels[3], cone, facing, level)
+    _above_the_horizon(cone, clusters[1], facing, behind, frame, out)
+    used = _runs_at_the_horizon(start, cone, facing, behind, runs)
+    _sum_runs(texels, runs, used, scratch, (True, False, False), frame, widen, out)
+    used = _runs_in_sight(start, cone, facing, behind, level, runs)
+    _sum_runs(texels, runs, used, scratch, (False, dielectric[p] != 0, metal[p] != 0), frame, widen, out)
+    for k in range(4):  # so far nothing that is hidden
+        out[12 + k] = _RED * out[3 * k] + _GREEN * out[3 * k + 1] + _BLUE * out[3 * k + 2]
+    if shut:
+        wanted = (True, dielectric[p] != 0, metal[p] != 0)
+        _glow(p, clusters[2], behind, blocked[1], frame, widen, wanted, scratch[2], scratch[3], out)
+    _scale(out)
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def _sharp_ranges(frame, alpha, cuts, ranges):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """As `_ranges`, but one a cluster, with the cells of the fine grid where the cluster meets the lobe's core."""
-    cone, coarse, fine = cuts[1], cuts[2], cuts[3]
-    margin = min(np.float32(0.08) + np.float32(3.0) * alpha, np.float32(1.5))
-    cos_m, sin_m = math.cos(margin), math.sin(margin)
-    nv, tv = frame[9], frame[10]
+def _hide(hidden, p, behind):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Writes which clusters pixel p does not see; how many."""
+    shut = 0
+    if hidden.shape[0] > 0:
+        for c in range(behind.shape[0]):
+            behind[c] = hidden[p, c]
+            shut += behind[c]
+    return shut
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def _choose(frame, detail, size, cone, facing, level):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Writes n.l of every cluster and the coarsest level whose texels are small beside the lobe there.
+
+    A lobe about the mirror direction is 2 alpha wide, n.v times that across the plane of incidence, and its tail a distance
+    d from there varies over d.
+    """
+    nv, tv, alpha = frame[9], frame[10], frame[11]
     mx, my, mz = nv * frame[0] - tv * frame[3], nv * frame[1] - tv * frame[4], nv * frame[2] - tv * frame[5]
+    core = _TWO * alpha * max(nv, np.float32(LEAST_COSINE))
+    for c in range(facing.shape[0]):
+        x, y, z, sine = cone[0, c], cone[1, c], cone[2, c], cone[3, c]
+        facing[c] = x * frame[0] + y * frame[1] + z * frame[2]
+        away = math.sqrt(max(_TWO - _TWO * (x * mx + y * my + z * mz), _ZERO))
+        bearable = detail * (core + max(away - sine, _ZERO))
+        finer = 0
+        for k in range(size.shape[0] - 1):
+            finer += size[k, c] > bearable
+        level[c] = finer
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def _runs_at_the_horizon(start, cone, facing, behind, runs):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Writes runs of level 0 blocks of clusters that the horizon cuts: how many."""
     used = 0
-    for c in range(cone.shape[1]):
-        x, y, z, reach = cone[0, c], cone[1, c], cone[2, c], cone[3, c]
-        if x * frame[0] + y * frame[1] + z * frame[2] <= -reach:
-            continue
-        near = reach > _ONE
-        if not near:
-            near = x * mx + y * my + z * mz > cos_m * math.sqrt(max(_ONE - reach * reach, _ZERO)) - sin_m * reach
-        ranges[used, 0] = fine[c] if near else coarse[c]
-        ranges[used, 1] = fine[c + 1] if near else coarse[c + 1]
-        used += 1
+    for c in range(facing.shape[0]):
+        if behind[c] == 0 and abs(facing[c]) <= cone[3, c]:
+            used = _append(runs, used, start[0, c], start[0, c + 1])
     return used
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def _occlude(p, first, last, light, occluded):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Writes into `lit` what reaches pixel p from texels [first, last); False where that is the open light itself."""
-    visible, bounce, lit = occluded
-    if visible.shape[0] == 0:
-        return False
-    energy, solid, owner = light[1], light[3], light[4]
-    row = visible[p]
-    least = _ONE
-    for c in range(owner[first], owner[last - 1] + 1):
-        least = min(least, row[c])
-    if least == _ONE:
-        return False
-    e0, e1, e2 = energy[0], energy[1], energy[2]
-    l0, l1, l2 = lit[0], lit[1], lit[2]
-    if bounce.shape[1] > 0:
-        b0, b1, b2 = bounce[0, p], bounce[1, p], bounce[2, p]
-        for t in range(first, last):
-            c = owner[t]
-            share, glow = row[c], solid[t]
-            l0[t] = share * e0[t] + glow * b0[c]
-            l1[t] = share * e1[t] + glow * b1[c]
-            l2[t] = share * e2[t] + glow * b2[c]
-    else:
-        for t in range(first, last):
-            share = row[owner[t]]
-            l0[t] = share * e0[t]
-            l1[t] = share * e1[t]
-            l2[t] = share * e2[t]
-    return True
+def _runs_in_sight(start, cone, facing, behind, level, runs):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Writes runs of blocks, at their levels, of clusters that are up and not hidden: how many."""
+    used = 0
+    for c in range(facing.shape[0]):
+        if behind[c] == 0 and facing[c] > -cone[3, c]:
+            used = _append(runs, used, start[level[c], c], start[level[c], c + 1])
+    return used
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _append(runs, used, first, last):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Adds a run or lengthens the last one: how many there are."""
+    if used > 0 and runs[used - 1, 1] == first:
+        runs[used - 1, 1] = last
+        return used
+    runs[used, 0], runs[used, 1] = first, last
+    return used + 1
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def _sum_runs(texels, runs, used, scratch, wanted, frame, widen, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Sums runs of blocks: long ones where they lie, short ones gathered in the scratch."""
+    rows, source, target, gathered = texels[0], texels[1], scratch[0], scratch[1]
+    full = 0
+    for i in range(used):
+        first, last = runs[i, 0], runs[i, 1]
+        if last - first >= _LONG:
+            _add(frame, widen, rows, 8 * first, 8 * last, wanted, out)
+            continue
+        if full + last - first > _SCRATCH // 8:
+            _add(frame, widen, gathered, 0, 8 * full, wanted, out)
+            full = 0
+        for b in range(first, last):
+            at, on = 4 * b, 4 * full
+            for k in range(8):
+                one, two, three, four = source[k, at], source[k, at + 1], source[k, at + 2], source[k, at + 3]
+                target[k, on], target[k, on + 1], target[k, on + 2], target[k, on + 3] = one, two, three, four
+            full += 1
+    _add(frame, widen, gathered, 0, 8 * full, wanted, out)
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def _add(frame, widen, rows, first, last, wanted, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    if wanted[0]:
+        _cosine_sum(frame, rows, first, last, out)
+    if wanted[1]:
+        _dielectric_lobe(frame, widen, rows, first, last, out)
+    if wanted[2]:
+        _metal_lobe(frame, widen, rows, first, last, out)
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def _above_the_horizon(cone, moment, facing, behind, frame, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Adds the irradiance, and that of white, of clusters wholly above the horizon."""
+    r0 = r1 = r2 = g0 = g1 = g2 = b0 = b1 = b2 = w0 = w1 = w2 = _ZERO
+    for c in range(facing.shape[0]):
+        on = _ONE if behind[c] == 0 and facing[c] > cone[3, c] else _ZERO
+        r0 += on * moment[0, c]
+        r1 += on * moment[1, c]
+        r2 += on * moment[2, c]
+        g0 += on * moment[3, c]
+        g1 += on * moment[4, c]
+        g2 += on * moment[5, c]
+        b0 += on * moment[6, c]
+        b1 += on * moment[7, c]
+        b2 += on * moment[8, c]
+        w0 += on * moment[9, c]
+        w1 += on * moment[10, c]
+        w2 += on * moment[11, c]
+    nx, ny, nz = frame[0], frame[1], frame[2]
+    out[0] += r0 * nx + r1 * ny + r2 * nz
+    out[1] += g0 * nx + g1 * ny + g2 * nz
+    out[2] += b0 * nx + b1 * ny + b2 * nz
+    out[16] += w0 * nx + w1 * ny + w2 * nz
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def _cosine_sum(frame, rows, first, last, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    nx, ny, nz = frame[0], frame[1], frame[2]
+    s0 = s1 = s2 = sw = _ZERO
+    for t in range(first, last):
+        nl = max(nx * rows[0, t] + ny * rows[1, t] + nz * rows[2, t], _ZERO)
+        s0 += nl * rows[3, t]
+        s1 += nl * rows[4, t]
+        s2 += nl * rows[5, t]
+        sw += nl * rows[6, t]
+    out[0] += s0
+    out[1] += s1
+    out[2] += s2
+    out[16] += sw
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def _glow(p, whole, behind, bounce, frame, widen, wanted, rows, open_, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Adds what hidden clusters glow with, one direction each, and what would come from there in the open."""
+    count = behind.shape[0]
+    for c in range(count):
+        rows[6, c] = behind[c] * whole[6, c]
+        rows[3, c] = behind[c] * (_RED * whole[3, c] + _GREEN * whole[4, c] + _BLUE * whole[5, c])
+    open_[:] = _ZERO
+    _add(frame, widen, rows, 0, count, wanted, open_)
+    for k in range(3):
+        if bounce.shape[1] > 0:
+            for c in range(count):
+                rows[3 + k, c] = rows[6, c] * bounce[k, p, c]
+        else:
+            rows[3 + k, :] = _ZERO
+    _add(frame, widen, rows, 0, count, wanted, out)
+    for k in range(4):
+        out[12 + k] += open_[3 * k]
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def _scale(out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """1 / (2 pi), left out of the lobes' loops."""
+    for k in range(3, 12):
+        out[k] *= _INV_2PI
+    for k in range(13, 16):
+        out[k] *= _INV_2PI
+    for k in range(17, 20):
+        out[k] *= _INV_2PI
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
@@ -218,96 +358,92 @@ def _frame(nx, ny, nz, vx, vy, vz, frame):  # type: ignore[no-untyped-def]  # no
     frame[9], frame[10] = nv, math.sqrt(max(_ONE - nv * nv, _ZERO))
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
-def _dielectric_lobe(p, frame, alpha, light, ranges, occluded, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    direction, energy, luminance, solid = light[0], light[1], light[2], light[3]
-    widen = light[5]
-    nx, ny, nz, tx, ty, tz = frame[0], frame[1], frame[2], frame[3], frame[4], frame[5]
-    bx, by, bz, nv, tv = frame[6], frame[7], frame[8], frame[9], frame[10]
-    a2 = alpha * alpha
-    rest = _ONE - a2
-    smith_o = math.sqrt(nv * nv * rest + a2)
-    e0 = e1 = e2 = s0 = s1 = s2 = eu = su = ew = sw = _ZERO
-    dx, dy, dz = direction[0], direction[1], direction[2]
-    for i in range(ranges.shape[0]):
-        first, last = ranges[i, 0], ranges[i, 1]
-        here = occluded[2] if _occlude(p, first, last, light, occluded) else energy
-        r, g, b = here[0], here[1], here[2]
-        for t in range(first, last):
-            lx, ly, lz = dx[t], dy[t], dz[t]
-            nl = max(nx * lx + ny * ly + nz * lz, _ZERO)
-            qt = tx * lx + ty * ly + tz * lz + tv
-            qb = bx * lx + by * ly + bz * lz
-            s = nl + nv
-            tangent = qt * qt + qb * qb
-            q = tangent + s * s
-            c = _HALF * math.sqrt(q)
-            b2 = a2 + widen[t]
-            width = tangent + b2 * s * s
-            smith = nv * math.sqrt(nl * nl * rest + a2) + nl * smith_o
-            f = _C0 + c * (_C1 + c * (_C2 + c * (_C3 + c * (_C4 + c * (_C5 + c * (_C6 + c * _C7))))))
-            w = nl * f * b2 * q * q / (width * width * smith)
-            e0 += nl * r[t]
-            e1 += nl * g[t]
-            e2 += nl * b[t]
-            eu += nl * luminance[t]
-            ew += nl * solid[t]
-            s0 += w * r[t]
-            s1 += w * g[t]
-            s2 += w * b[t]
-            su += w * luminance[t]
-            sw += w * solid[t]
-    scale = _INV_2PI
-    out[0], out[1], out[2], out[12], out[16] = e0, e1, e2, eu, ew
-    out[3], out[4], out[5], out[13], out[17] = scale * s0, scale * s1, scale * s2, scale * su, scale * sw
+@njit(cache=True, fastmath=True, error_model="numpy", inline="always")
+def _shape(frame, a2, smith_o, lx, ly, lz, disc):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """2 pi D V n.l of one texel, and q = |l + v|^2; see the head of this file."""
+    nl = max(frame[0] * lx + frame[1] * ly + frame[2] * lz, _ZERO)
+    along = frame[3] * lx + frame[4] * ly + frame[5] * lz + frame[10]
+    across = frame[6] * lx + frame[7] * ly + frame[8] * lz
+    s = nl + frame[9]
+    tangent = along * along + across * across
+    s2 = s * s
+    q = tangent + s2
+    x = tangent + (a2 - disc) * s2
+    half = _TWO * a2 * disc * (s2 * s2)
+    root = math.sqrt(x * x + _TWO * half)
+    square = max(root * (root + x), half)  # a bound of it that does not cancel where x is near -r
+    smith = frame[9] * (math.sqrt(nl * nl * (_ONE - a2) + a2) + nl * smith_o)
+    return nl * a2 * q * q / (_HALF * square * smith), q
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def _metal_lobe(p, frame, alpha, light, ranges, occluded, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    direction, energy, luminance, solid = light[0], light[1], light[2], light[3]
-    widen = light[5]
-    nx, ny, nz, tx, ty, tz = frame[0], frame[1], frame[2], frame[3], frame[4], frame[5]
-    bx, by, bz, nv, tv = frame[6], frame[7], frame[8], frame[9], frame[10]
-    a2 = alpha * alpha
-    rest = _ONE - a2
-    smith_o = math.sqrt(nv * nv * rest + a2)
-    e0 = e1 = e2 = s0 = s1 = s2 = f0 = f1 = f2 = eu = su = fu = ew = sw = fw = _ZERO
-    dx, dy, dz = direction[0], direction[1], direction[2]
-    for i in range(ranges.shape[0]):
-        first, last = ranges[i, 0], ranges[i, 1]
-        here = occluded[2] if _occlude(p, first, last, light, occluded) else energy
-        r, g, b = here[0], here[1], here[2]
-        for t in range(first, last):
-            lx, ly, lz = dx[t], dy[t], dz[t]
-            nl = max(nx * lx + ny * ly + nz * lz, _ZERO)
-            qt = tx * lx + ty * ly + tz * lz + tv
-            qb = bx * lx + by * ly + bz * lz
-            s = nl + nv
-            tangent = qt * qt + qb * qb
-            q = tangent + s * s
-            m = max(_ONE - _HALF * math.sqrt(q), _ZERO)
-            b2 = a2 + widen[t]
-            width = tangent + b2 * s * s
-            smith = nv * math.sqrt(nl * nl * rest + a2) + nl * smith_o
-            shape = nl * b2 * q * q / (width * width * smith)
-            high = shape * (m * m) * (m * m) * m
-            low = shape - high
-            e0 += nl * r[t]
-            e1 += nl * g[t]
-            e2 += nl * b[t]
-            eu += nl * luminance[t]
-            ew += nl * solid[t]
-            s0 += low * r[t]
-            s1 += low * g[t]
-            s2 += low * b[t]
-            su += low * luminance[t]
-            sw += low * solid[t]
-            f0 += high * r[t]
-            f1 += high * g[t]
-            f2 += high * b[t]
-            fu += high * luminance[t]
-            fw += high * solid[t]
-    scale = _INV_2PI
-    out[0], out[1], out[2], out[12], out[16] = e0, e1, e2, eu, ew
-    out[6], out[7], out[8], out[14], out[18] = scale * s0, scale * s1, scale * s2, scale * su, scale * sw
-    out[9], out[10], out[11], out[15], out[19] = scale * f0, scale * f1, scale * f2, scale * fu, scale * fw
+def _dielectric_lobe(frame, widen, rows, first, last, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    fixed = (
+        frame[0],
+        frame[1],
+        frame[2],
+        frame[3],
+        frame[4],
+        frame[5],
+        frame[6],
+        frame[7],
+        frame[8],
+        frame[9],
+        frame[10],
+    )
+    a2 = frame[11] * frame[11]
+    smith_o = math.sqrt(frame[9] * frame[9] * (_ONE - a2) + a2) / frame[9]
+    s0 = s1 = s2 = sw = _ZERO
+    for t in range(first, last):
+        shape, q = _shape(fixed, a2, smith_o, rows[0, t], rows[1, t], rows[2, t], widen * rows[7, t])
+        c = _HALF * math.sqrt(q)
+        w = shape * (_C0 + c * (_C1 + c * (_C2 + c * (_C3 + c * (_C4 + c * (_C5 + c * (_C6 + c * _C7)))))))
+        s0 += w * rows[3, t]
+        s1 += w * rows[4, t]
+        s2 += w * rows[5, t]
+        sw += w * rows[6, t]
+    out[3] += s0
+    out[4] += s1
+    out[5] += s2
+    out[17] += sw
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def _metal_lobe(frame, widen, rows, first, last, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    fixed = (
+        frame[0],
+        frame[1],
+        frame[2],
+        frame[3],
+        frame[4],
+        frame[5],
+        frame[6],
+        frame[7],
+        frame[8],
+        frame[9],
+        frame[10],
+    )
+    a2 = frame[11] * frame[11]
+    smith_o = math.sqrt(frame[9] * frame[9] * (_ONE - a2) + a2) / frame[9]
+    s0 = s1 = s2 = sw = f0 = f1 = f2 = fw = _ZERO
+    for t in range(first, last):
+        shape, q = _shape(fixed, a2, smith_o, rows[0, t], rows[1, t], rows[2, t], widen * rows[7, t])
+        m = max(_ONE - _HALF * math.sqrt(q), _ZERO)
+        high = shape * (m * m) * (m * m) * m
+        low = shape - high
+        s0 += low * rows[3, t]
+        s1 += low * rows[4, t]
+        s2 += low * rows[5, t]
+        sw += low * rows[6, t]
+        f0 += high * rows[3, t]
+        f1 += high * rows[4, t]
+        f2 += high * rows[5, t]
+        fw += high * rows[6, t]
+    out[6] += s0
+    out[7] += s1
+    out[8] += s2
+    out[18] += sw
+    out[9] += f0
+    out[10] += f1
+    out[11] += f2
+    out[19] += fw

@@ -60,9 +60,9 @@ def _half_width(known: NDArray[np.bool_]) -> float:
     return 0.5 * float(np.median(runs)) if len(runs) else 1.0
 
 
-def march(scene: DepthScene, origins: F32, normals: F32, directions: F32, steps: int) -> F32:
-    """Visibility [P, C] in {0, 1} from points [P, 3] along directions [3, C]; below a point's horizon 1."""
-    visible = np.ones((len(origins), directions.shape[1]), dtype=np.float32)
+def march(scene: DepthScene, origins: F32, normals: F32, directions: F32, steps: int) -> NDArray[np.bool_]:
+    """Whether something lies between points [P, 3] and directions [3, C]: [P, C]; below a point's horizon nothing."""
+    hidden = np.zeros((len(origins), directions.shape[1]), dtype=np.bool_)
     _march(
         scene.z,
         scene.camera_from_world,
@@ -71,20 +71,19 @@ def march(scene: DepthScene, origins: F32, normals: F32, directions: F32, steps:
         np.float32(scene.thickness),
         (np.ascontiguousarray(origins), np.ascontiguousarray(normals), np.ascontiguousarray(directions)),
         steps,
-        visible,
+        hidden,
     )
-    return visible
+    return hidden
 
 
 @njit(cache=True, parallel=True, error_model="numpy")
-def _march(z, to_camera, scale, reach, thickness, rays, steps, visible):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _march(z, to_camera, scale, reach, thickness, rays, steps, hidden):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     origins, normals, directions = rays
-    for p in prange(visible.shape[0]):
-        for c in range(visible.shape[1]):
+    for p in prange(hidden.shape[0]):
+        for c in range(hidden.shape[1]):
             dx, dy, dz = directions[0, c], directions[1, c], directions[2, c]
             if normals[p, 0] * dx + normals[p, 1] * dy + normals[p, 2] * dz > np.float32(0):
-                hit = _march_ray(z, to_camera, scale, reach, thickness, origins[p], (dx, dy, dz), steps)
-                visible[p, c] = np.float32(0) if hit else np.float32(1)
+                hidden[p, c] = _march_ray(z, to_camera, scale, reach, thickness, origins[p], (dx, dy, dz), steps)
 
 
 @njit(cache=True, error_model="numpy")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.relight.lights import Clusters, PreparedLight
+from yesnt.relight.lights import PreparedLight
 from yesnt.relight.march import DepthScene, depth_scene, march
 from yesnt.relight.points import Pixels, Surface
 from yesnt.relight.proxy import OPEN, ProxyScene
@@ -67,8 +67,8 @@ def _seen_triangle(proxy: ProxyScene, eye: F32, pixels: Pixels) -> tuple[NDArray
 
 def occlusion(
     occluders: Occluders, pixels: Pixels, part: slice, light: PreparedLight, glow: F32 | None, settings: RelightSettings
-) -> tuple[F32 | None, F32 | None]:
-    """Visibility [P, C] and bounced radiance [3, P, C] of a range of pixels, None where there is nothing to say.
+) -> tuple[NDArray[np.bool_] | None, F32 | None]:
+    """Hidden clusters [P, C] and bounced radiance [3, P, C] of a range of pixels, None where there is nothing to say.
 
     Args:
         occluders: of the frame.
@@ -82,19 +82,22 @@ def occlusion(
     if occluders.proxy is not None:
         hits = occluders.proxy.cluster_hits(origins, normals, light.clusters)
         bounced = None if glow is None else np.stack([glow[hits, k] for k in range(3)])
-        return (hits == OPEN).astype(np.float32), bounced
-    if occluders.depth is None:
+        return hits != OPEN, bounced
+    if occluders.depth is None or settings.shadows == "single":
         return None, None
-    if settings.shadows != "single":
-        return march(occluders.depth, origins, normals, light.clusters.direction, settings.march_steps), None
-    factor = _single_factor(occluders.depth, origins, normals, light.clusters, settings.march_steps)
-    return np.repeat(factor, light.clusters.direction.shape[1], axis=1), None
+    return march(occluders.depth, origins, normals, light.clusters.direction, settings.march_steps), None
 
 
-def _single_factor(scene: DepthScene, origins: F32, normals: F32, clusters: Clusters, steps: int) -> F32:
+def single_factor(
+    occluders: Occluders, pixels: Pixels, part: slice, light: PreparedLight, settings: RelightSettings
+) -> F32:
     """The paper's one soft factor [P, 1]: how much of the brightest light a march towards it lets through."""
+    clusters = light.clusters
     power = clusters.energy.sum(axis=0)
+    if occluders.depth is None or not power.any():
+        return np.ones((part.stop - part.start, 1), np.float32)
     main = np.argsort(-power, kind="stable")[:_MAIN]
-    through = march(scene, origins, normals, clusters.direction[:, main], steps)
+    origins, normals = occluders.origins[part], pixels.normal[part]
+    hidden = march(occluders.depth, origins, normals, clusters.direction[:, main], settings.march_steps)
     share = power[main] / max(float(power[main].sum()), 1e-30)
-    return (through @ share[:, None]).astype(np.float32) if power.any() else np.ones((len(origins), 1), np.float32)
+    return ((1 - hidden.astype(np.float32)) @ share[:, None]).astype(np.float32)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from yesnt.color import luminance
-from yesnt.relight.kernels import SHARP
 from yesnt.relight.lights import PreparedLight
 from yesnt.relight.settings import RelightSettings
 
@@ -72,7 +71,7 @@ def _metal(facts: SceneFacts, settings: RelightSettings) -> Requirement:
 
 def _sharp(facts: SceneFacts, settings: RelightSettings) -> Requirement:
     name = "fine grid for sharp lobes"
-    edge = float(np.sqrt(SHARP * np.sqrt(2048 / settings.texels)))
+    edge = float(np.sqrt(min(0.5 * np.sqrt(4 * np.pi / settings.texels) / settings.detail, 1.0)))
     if facts.roughness is not None and facts.roughness[0] > edge:
         return Requirement(name, False, f"no roughness is below {edge:.2f}: the texels resolve every lobe")
     return Requirement(name, True, f"roughness below {edge:.2f} sees single cells of the map")
@@ -83,7 +82,7 @@ def _sun(facts: SceneFacts) -> Requirement:
     if facts.light is None:
         return Requirement(name, True, "the map is not known yet")
     light = facts.light
-    power = luminance(light.energy[:, : light.coarse_start[-1]].T.astype(np.float64))
+    power = luminance(light.texels.energy.T.astype(np.float64))
     share = float(power.max() / max(power.sum(), 1e-30))
     if share < _SUN_SHARE:
         return Requirement(name, False, f"the brightest texel holds {100 * share:.1f} % of the light")
@@ -124,9 +123,7 @@ def _capture(facts: SceneFacts, settings: RelightSettings) -> Requirement:
 
 def shadow_blur(light: PreparedLight) -> float:
     """Mean angular radius, degrees, of the light that shares one visibility: how wide a shadow edge is in error."""
-    texels = slice(0, int(light.coarse_start[-1]))
-    power = light.energy[:, texels].sum(axis=0, dtype=np.float64)
-    owner = light.cluster_of[texels]
-    cosine = (light.direction[:, texels] * light.clusters.direction[:, owner]).sum(axis=0)
+    direction, power = light.texels.direction, light.texels.energy.sum(axis=0, dtype=np.float64)
+    cosine = (direction * light.clusters.direction[:, light.texels.owner(0)]).sum(axis=0)
     angle = np.arccos(np.clip(cosine, -1, 1))
     return float(np.degrees((power * angle).sum() / max(power.sum(), 1e-30)))

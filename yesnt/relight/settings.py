@@ -24,6 +24,7 @@ class RelightSettings:
         texels: directions of the light that relights, dense where it is bright.
         capture_texels: directions of the capture light.
         rows: rows of the finest grid that texels are cut from.
+        detail: angular size of a texel over the width of the lobe where it lies, at most; sharp lobes take finer ones.
         clusters: visibility directions of the light that relights.
         capture_clusters: visibility directions of the capture light.
         bounce: diffuse bounces off the proxy (0: what is occluded is black).
@@ -42,6 +43,7 @@ class RelightSettings:
     texels: int = 2048
     capture_texels: int = 512
     rows: int = 256
+    detail: float = 0.45
     clusters: int = 256
     capture_clusters: int = 128
     bounce: int = 2
@@ -64,6 +66,7 @@ class RelightSettings:
             _require(getattr(self, name) in allowed, name, getattr(self, name), f"one of {allowed}")
         for name in ("texels", "rows", "capture_texels", "clusters", "capture_clusters", "march_steps", "tile"):
             _require(getattr(self, name) >= 1, name, getattr(self, name), "at least 1")
+        _require(self.detail > 0, "detail", self.detail, "above 0")
         for name in ("bounce", "capture_passes", "offset", "thickness"):
             _require(getattr(self, name) >= 0, name, getattr(self, name), "at least 0")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from yesnt.color import LUMINANCE_REC709
 from yesnt.relight.brdf import COS_MIN
-from yesnt.relight.kernels import COLUMNS, FRESNEL, ShadingPoints, sharp_below
+from yesnt.relight.kernels import COLUMNS, FRESNEL, LEAST_COSINE, WIDEN, ShadingPoints, cluster_rows
 from yesnt.relight.lights import PreparedLight
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ _PAIRS = 1 << 22  # pixel-texel pairs a chunk: some twenty temporaries of 16 MB 
 def sum_lobes_torch(
     points: ShadingPoints,
     light: PreparedLight,
-    visible: F32 | None,
+    hidden: NDArray[np.bool_] | None,
     bounce: F32 | None,
     filtered: bool = True,
     device: str | None = None,
@@ -33,93 +34,137 @@ def sum_lobes_torch(
 
     where = device or ("cuda" if torch.cuda.is_available() else "cpu")
     out = np.zeros((len(points.alpha), COLUMNS), dtype=np.float32)
-    sharp = points.alpha < sharp_below(light, filtered)
-    texels = int(light.coarse_start[-1])
-    for chosen, used in ((np.flatnonzero(~sharp), texels), (np.flatnonzero(sharp), light.direction.shape[1])):
-        sums = _Sums(light, used, filtered, where)
-        step = max(1, _PAIRS // used)
-        for first in range(0, len(chosen), step):
-            index = chosen[first : first + step]
-            part = ShadingPoints(
-                points.normal[:, index],
-                points.view[:, index],
-                points.alpha[index],
-                points.dielectric[index],
-                points.metal[index],
-            )
-            shares = None if visible is None else visible[index]
-            out[index] = sums(part, shares, None if bounce is None else bounce[:, index])
+    sums = _Sums(light, filtered, where)
+    order = np.argsort(points.alpha, kind="stable")  # pixels of a chunk then want the same levels
+    step = max(1, _PAIRS // max(rows.shape[1] for rows in sums.levels))
+    for first in range(0, len(order), step):
+        index = order[first : first + step]
+        part = ShadingPoints(
+            points.normal[:, index],
+            points.view[:, index],
+            points.alpha[index],
+            points.dielectric[index],
+            points.metal[index],
+        )
+        shut = None if hidden is None else hidden[index]
+        out[index] = sums(part, shut, None if bounce is None else bounce[:, index])
     return out
 
 
 class _Sums:
-    """A light on a device, its first `used` texels; called with pixels, gives their sums."""
+    """A light on a device; called with pixels, gives their sums."""
 
-    def __init__(self, light: PreparedLight, used: int, filtered: bool, device: str) -> None:
+    def __init__(self, light: PreparedLight, filtered: bool, device: str) -> None:
+        self.device, texels = device, light.texels
+        self.detail, self.widen = (light.detail, WIDEN) if filtered else (math.inf, 0.0)
+        self.levels = [self._put(texels.level(k)) for k in range(len(texels.start))]
+        self.owners = [self._put(texels.owner(k)) for k in range(len(texels.start))]
+        self.size, self.cone = self._put(texels.size), self._put(light.cone)
+        self.clusters = self._put(cluster_rows(light.clusters))
+        self.luminance = self._put(np.asarray(LUMINANCE_REC709, dtype=np.float32))
+
+    def _put(self, array: NDArray[np.generic]) -> torch.Tensor:
         import torch
 
-        self.device, self.light, self.used = device, light, used
-        self.direction, self.energy = (self._put(a[:, :used]) for a in (light.direction, light.energy))
-        self.solid, self.owner = self._put(light.solid_angle[:used]), self._put(light.cluster_of[:used]).long()
-        self.luminance = self._put(LUMINANCE_REC709) @ self.energy
-        spread = self._put(light.spread[:used])
-        self.widen = spread if filtered else torch.zeros_like(spread)
+        return torch.from_numpy(np.array(array, order="C")).to(self.device)
 
-    def _put(self, array: object) -> torch.Tensor:
-        import torch
-
-        values = np.ascontiguousarray(array)
-        return torch.from_numpy(values if values.dtype == np.int32 else values.astype(np.float32)).to(self.device)
-
-    def __call__(self, points: ShadingPoints, visible: F32 | None, bounce: F32 | None) -> F32:
+    def __call__(self, points: ShadingPoints, hidden: NDArray[np.bool_] | None, bounce: F32 | None) -> F32:
         import torch
 
         normal, view, alpha = self._put(points.normal.T), self._put(points.view.T), self._put(points.alpha)
-        cos_i, lobes = self._lobes(normal, view, alpha)
-        energy = self.energy[None].expand(len(alpha), -1, -1)
-        if visible is not None:
-            energy = energy * self._put(visible)[:, None, self.owner]
-        if bounce is not None:
-            energy = energy + self._put(bounce).permute(1, 0, 2)[:, :, self.owner] * self.solid
-        wanted = torch.stack([self._put(a) for a in (points.dielectric, points.metal, points.metal)])
+        wanted = torch.stack([self._put(a).float() for a in (points.dielectric, points.metal, points.metal)])
+        frame = _Frame(normal, view, alpha, wanted, self.widen)
+        shut = torch.zeros((len(alpha), self.cone.shape[1]), device=self.device)
+        if hidden is not None:
+            shut = self._put(hidden).float()
+        up = (normal @ self.cone[:3] > -self.cone[3]).float() * (1 - shut)
+        level = self._level(frame)
         sums = torch.zeros((len(alpha), COLUMNS), device=self.device)
-        for i, weight in enumerate([cos_i, *(lobe * on[:, None] for lobe, on in zip(lobes, wanted, strict=True))]):
-            sums[:, 3 * i : 3 * i + 3] = torch.einsum("pt,pct->pc", weight, energy)
-            sums[:, 12 + i], sums[:, 16 + i] = weight @ self.luminance, weight @ self.solid
+        _add_irradiance(sums, frame, self.levels[0], up[:, self.owners[0]])
+        for k, (rows, owner) in enumerate(zip(self.levels, self.owners, strict=True)):
+            chosen = up * (level == k)
+            if chosen.any():
+                _add_lobes(sums, frame, rows, chosen[:, owner])
+        for k in range(4):
+            sums[:, 12 + k] = sums[:, 3 * k : 3 * k + 3] @ self.luminance
+        if hidden is not None:
+            self._glow(sums, frame, shut, bounce)
         return sums.cpu().numpy()
 
-    def _lobes(self, normal: torch.Tensor, view: torch.Tensor, alpha: torch.Tensor) -> tuple[torch.Tensor, list]:  # type: ignore[type-arg]
-        """Cosine and the three specular lobes times the cosine, [P, T] each; see kernels.py for the form of D."""
+    def _level(self, frame: _Frame) -> torch.Tensor:
+        """Level [P, C] that each cluster is read at; see kernels._choose."""
+        core = 2 * frame.alpha * frame.nv.clamp(min=LEAST_COSINE)
+        away = (2 - 2 * frame.mirror @ self.cone[:3]).clamp(min=0).sqrt() - self.cone[3]
+        bearable = self.detail * (core + away.clamp(min=0))
+        return (self.size[:-1, None] > bearable[None]).sum(0)
+
+    def _glow(self, sums: torch.Tensor, frame: _Frame, shut: torch.Tensor, bounce: F32 | None) -> None:
+        """Hidden clusters: their own light for the open sums, what bounces for the others."""
+        open_ = sums.new_zeros(sums.shape)
+        _add_irradiance(open_, frame, self.clusters, shut)
+        _add_lobes(open_, frame, self.clusters, shut)
+        for k in range(4):
+            sums[:, 12 + k] += open_[:, 3 * k : 3 * k + 3] @ self.luminance
+        glowing = self.clusters[None].repeat(len(shut), 1, 1)
+        solid = self.clusters[6]
+        glowing[:, 3:6] = 0 if bounce is None else self._put(bounce).permute(1, 0, 2) * solid
+        _add_irradiance(sums, frame, glowing, shut)
+        _add_lobes(sums, frame, glowing, shut)
+
+
+class _Frame:
+    """Pixels' frames, [P, 3] and [P, 1]; see kernels.py for the form of D."""
+
+    def __init__(
+        self, normal: torch.Tensor, view: torch.Tensor, alpha: torch.Tensor, wanted: torch.Tensor, widen: float
+    ) -> None:
         import torch
 
         cosine = (normal * view).sum(1, keepdim=True)
-        nv = cosine.clamp(COS_MIN, 1.0)
-        tangent = torch.nn.functional.normalize(view - cosine * normal, dim=1) * (1 - nv * nv).clamp(min=0).sqrt()
-        kept = self._kept(normal, normal * nv * 2 - (normal * nv + tangent), alpha)
-        cos_i = (normal @ self.direction).clamp(min=0) * kept
-        flat = self.direction[None] - (normal @ self.direction)[:, None] * normal[:, :, None] + tangent[:, :, None]
-        across, s = flat.square().sum(1), cos_i + nv
-        q, a2 = across + s * s, (alpha * alpha)[:, None]
-        b2 = a2 + self.widen
-        smith = nv * (cos_i * cos_i * (1 - a2) + a2).sqrt() + cos_i * (nv * nv * (1 - a2) + a2).sqrt()
-        shape = cos_i * b2 * q * q / ((across + b2 * s * s).square() * smith) * (0.5 / np.pi)
-        cos_d = 0.5 * q.sqrt()
-        fresnel = torch.zeros_like(cos_d)
+        self.normal, self.alpha, self.wanted, self.widen = normal, alpha[:, None], wanted, widen
+        self.nv = cosine.clamp(COS_MIN, 1.0)
+        across = torch.nn.functional.normalize(view - cosine * normal, dim=1)
+        self.tangent = across * (1 - self.nv * self.nv).clamp(min=0).sqrt()
+        self.mirror = self.nv * normal - self.tangent
+
+    def cosine(self, rows: torch.Tensor) -> torch.Tensor:
+        """n.l [P, T] of texels [8, T] or [P, 8, T], at least 0."""
+        return (self.normal[:, None] @ rows[..., :3, :])[:, 0].clamp(min=0)
+
+    def lobes(self, rows: torch.Tensor) -> list[torch.Tensor]:
+        """The three specular lobes times the cosine, [P, T] each."""
+        import torch
+
+        direction = rows[..., :3, :].expand(len(self.normal), -1, -1)
+        facing = (self.normal[:, None] @ direction)[:, 0]
+        flat = direction - facing[:, None] * self.normal[:, :, None] + self.tangent[:, :, None]
+        cos_i = facing.clamp(min=0)
+        across, s, a2 = flat.square().sum(1), cos_i + self.nv, self.alpha.square()
+        q, disc = across + s * s, self.widen / self.nv.clamp(min=LEAST_COSINE) * rows[..., 7, :]
+        x = across + (a2 - disc) * s * s
+        half = 2 * a2 * disc * s**4
+        root = (x * x + 2 * half).sqrt()
+        square = torch.maximum(root * (root + x), half)
+        smith = self.nv * (cos_i.square() * (1 - a2) + a2).sqrt() + cos_i * (self.nv.square() * (1 - a2) + a2).sqrt()
+        shape = cos_i * a2 * q * q / (0.5 * square * smith) * (0.5 / np.pi)
+        cos_d, fresnel = 0.5 * q.sqrt(), 0.0
         for coefficient in reversed(FRESNEL.tolist()):
             fresnel = fresnel * cos_d + coefficient
         high = shape * (1 - cos_d).clamp(min=0) ** 5
-        return cos_i, [shape * fresnel, shape - high, high]
+        return [shape * fresnel, shape - high, high]
 
-    def _kept(self, normal: torch.Tensor, mirror: torch.Tensor, alpha: torch.Tensor) -> torch.Tensor:
-        """1 for the texels that a pixel sums, [P, T] or [1, 1]: a cluster's cells near the lobe, else its texels."""
-        import torch
 
-        texels = int(self.light.coarse_start[-1])
-        if self.used == texels:
-            return torch.ones((1, 1), device=self.device)
-        cone = self._put(self.light.cluster_cone)
-        margin = (0.08 + 3.0 * alpha).clamp(max=1.5)[:, None]
-        bound = margin.cos() * (1 - cone[3] ** 2).clamp(min=0).sqrt() - margin.sin() * cone[3]
-        near = (mirror @ cone[:3] > bound) | (cone[3] > 1)
-        fine = torch.arange(self.used, device=self.device) >= texels
-        return (near[:, self.owner] == fine).float()
+def _add_irradiance(sums: torch.Tensor, frame: _Frame, rows: torch.Tensor, mask: torch.Tensor) -> None:
+    _add(sums, 0, frame.cosine(rows) * mask, rows)
+
+
+def _add_lobes(sums: torch.Tensor, frame: _Frame, rows: torch.Tensor, mask: torch.Tensor) -> None:
+    for i, lobe in enumerate(frame.lobes(rows)):
+        _add(sums, i + 1, lobe * mask * frame.wanted[i][:, None], rows)
+
+
+def _add(sums: torch.Tensor, lobe: int, weight: torch.Tensor, rows: torch.Tensor) -> None:
+    """Adds weighted energy (RGB) and solid angle to a lobe's columns."""
+    found = (weight[:, None] @ rows[..., 3:7, :].mT)[:, 0]
+    sums[:, 3 * lobe : 3 * lobe + 3] += found[:, :3]
+    sums[:, 16 + lobe] += found[:, 3]

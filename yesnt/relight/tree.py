@@ -30,23 +30,27 @@ def importance(energy: Float, direction: Float, solid: Float) -> Float:
     return np.concatenate([weight[..., None], weight[..., None] * direction], axis=-1)
 
 
-def grow(moments: Float, clusters: int, texels: int) -> list[list[Box]]:
+def grow(moments: Float, clusters: int, texels: int, multiple: int = 1) -> list[list[Box]]:
     """Boxes of the texels of every cluster, in an order that keeps neighbours together.
 
-    With at least as many texels as cells, every cell is a texel and only the clusters are grown.
+    With at least as many texels as cells, every cell is a texel and only the clusters are grown. Otherwise about
+    `texels` are made, so that each cluster holds a multiple of `multiple` where its cells allow it.
     """
     height, width = moments.shape[:2]
     table = np.pad(moments.cumsum(0).cumsum(1), ((1, 0), (1, 0), (0, 0)))
-    roots = [[(0, height, 0, width)]]
-    branches = _split_all(table, roots, clusters)
-    order = sorted((branch[0] for branch in branches), key=lambda b: _morton(b[0] + b[1], b[2] + b[3]))
+    leaves = _split(table, [[(0, height, 0, width)]], clusters)[0]
+    order = sorted(leaves, key=_place)
     if texels >= height * width:
         return [[(r, r + 1, c, c + 1) for r in range(a, b) for c in range(e, f)] for a, b, e, f in order]
-    return _split_all(table, [[box] for box in order], texels)
+    wanted = texels - (multiple // 2) * len(order)  # rounding up adds half a multiple to each, on average
+    groups = _split(table, [[box] for box in order], wanted)
+    whole = [-(-len(group) // multiple) * multiple for group in groups]
+    filled = [_split(table, [group], count)[0] for group, count in zip(groups, whole, strict=True)]
+    return [sorted(group, key=_place) for group in filled]
 
 
-def _split_all(table: Float, groups: list[list[Box]], count: int) -> list[list[Box]]:
-    """Splits the worst box until there are `count`; one group in: a group a leaf, else leaves stay in their groups."""
+def _split(table: Float, groups: list[list[Box]], count: int) -> list[list[Box]]:
+    """Splits the worst box of all groups until there are `count`; parts stay in their group."""
     leaves: list[list[Box]] = [[] for _ in groups]
     heap = [(-_error(table, box), i, box) for i, group in enumerate(groups) for box in group]
     heapq.heapify(heap)
@@ -62,9 +66,12 @@ def _split_all(table: Float, groups: list[list[Box]], count: int) -> list[list[B
             heapq.heappush(heap, (-_error(table, part), i, part))
     for _, i, box in heap:
         leaves[i].append(box)
-    if len(groups) == 1:
-        return [[box] for box in leaves[0]]
-    return [sorted(group, key=lambda b: _morton(b[0] + b[1], b[2] + b[3])) for group in leaves]
+    return leaves
+
+
+def _place(box: Box) -> int:
+    """Where a box stands along a Morton curve through the grid."""
+    return _morton(box[0] + box[1], box[2] + box[3])
 
 
 def _error(table: Float, box: Box) -> float:
@@ -99,7 +106,7 @@ def _cut(table: Float, box: Box) -> list[Box]:
 
 
 def _morton(row: int, column: int) -> int:
-    """Interleaved bits: neighbours on the sphere stay neighbours in memory, so that culling cones are narrow."""
+    """Interleaved bits: neighbours on the sphere stay neighbours in memory."""
     code = 0
     for bit in range(16):
         code |= ((row >> bit) & 1) << (2 * bit + 1) | ((column >> bit) & 1) << (2 * bit)

@@ -1,0 +1,159 @@
+"""Texels of a light at several sizes, laid out for vector lanes.
+
+A cluster holds texels at every level: level 0 are leaves of the tree, small where the light is strong; each further
+level is a regular cut of the cluster's cells, twice as fine along each side, down to the cells themselves. A pixel takes
+from each cluster the coarsest level that its lobe can bear, so a sharp lobe pays for fine texels only where it points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yesnt.color import luminance
+from yesnt.relight.tree import Box
+
+F32 = NDArray[np.float32]
+Float = NDArray[np.float64]
+
+LANES = 8
+"""Texels of a block. Clusters hold whole blocks; what is left over is filled with texels of no light and no size."""
+
+_ROWS = ("x", "y", "z", "r", "g", "b", "solid angle", "spread")
+_MOST_MERGED = 8  # columns of a grid that a texel joins beside a pole, where columns crowd
+
+
+@dataclass(frozen=True)
+class Texels:
+    """Structure of arrays, sorted by level, then by cluster; every cluster starts a block of eight.
+
+    Attributes:
+        rows: [8, N] unit direction x, y, z (world, luminance centroid); radiance times solid angle r, g, b; solid
+            angle, sr; angular variance of the texel's light, rad^2. N is a little more than the texels need.
+        start: [L, C + 1] first block of each cluster at each level.
+        size: [L, C] mean angular size of a cluster's texels at each level, rad, coarse to fine.
+    """
+
+    rows: F32
+    start: NDArray[np.int32]
+    size: F32
+
+    def __len__(self) -> int:
+        """Texels of level 0, filling included."""
+        return int(self.start[0, -1]) * LANES
+
+    def level(self, level: int) -> F32:
+        """Rows [8, T] of a level's texels, filling included."""
+        return self.rows[:, LANES * self.start[level, 0] : LANES * self.start[level, -1]]
+
+    def owner(self, level: int) -> NDArray[np.int64]:
+        """Cluster [T] of a level's texels."""
+        return np.repeat(np.arange(self.start.shape[1] - 1), LANES * np.diff(self.start[level]))
+
+    @property
+    def direction(self) -> F32:
+        """[3, T] of level 0."""
+        return self.level(0)[:3]
+
+    @property
+    def energy(self) -> F32:
+        """[3, T] of level 0."""
+        return self.level(0)[3:6]
+
+    @property
+    def solid_angle(self) -> F32:
+        """[T] of level 0."""
+        return self.level(0)[6]
+
+    @cached_property
+    def packed(self) -> Float:
+        """The rows' bits as words of two lanes [8, N / 2], which copy twice as fast."""
+        return self.rows.view(np.float64)
+
+
+def cut_levels(moments: Float, groups: list[list[Box]], hulls: list[Box]) -> list[list[Float]]:
+    """Sums [n, 11] of the texels of every level and cluster: the moments (envmap.cell_moments) and the cells in each.
+
+    Args:
+        moments: [h, w, 10].
+        groups: boxes of level 0 of every cluster.
+        hulls: box of every cluster.
+    """
+    levels = [[_with_count(box_sums(moments, group), group) for group in groups]]
+    cells, texels = moments.shape[0] * moments.shape[1], sum(len(group) for group in groups)
+    if texels >= cells:
+        return levels
+    step = 1
+    while (2 * step) ** 2 * texels < cells:
+        step *= 2
+    while step >= 1:
+        levels.append([_regular(moments, hull, step) for hull in hulls])
+        step //= 2
+    return levels
+
+
+def box_sums(moments: Float, boxes: list[Box]) -> Float:
+    """Sums of moments over boxes [T, k]; summed directly, since a summed-area table would cancel beside a sun."""
+    rows, row_ends, columns, column_ends = np.array(boxes).T
+    sums = moments[rows, columns]
+    for i in np.flatnonzero((row_ends - rows) * (column_ends - columns) > 1):
+        sums[i] = moments[rows[i] : row_ends[i], columns[i] : column_ends[i]].sum(axis=(0, 1))
+    return sums
+
+
+def _with_count(sums: Float, boxes: list[Box]) -> Float:
+    cells = [(b - a) * (d - c) for a, b, c, d in boxes]
+    return np.concatenate([sums, np.array(cells, dtype=float)[:, None]], axis=1)
+
+
+def _regular(moments: Float, hull: Box, step: int) -> Float:
+    """Sums [n, 11] of squares of `step` x `step` cells of a box; of more columns beside a pole, where they crowd."""
+    a, b, c, d = hull
+    sine = np.sin(np.pi * 0.5 * (a + b) / moments.shape[0])
+    across = step * int(2 ** np.floor(np.log2(np.clip(1 / max(sine, 1e-9), 1, _MOST_MERGED))))
+    counted = np.concatenate([moments[a:b, c:d], np.ones((b - a, d - c, 1))], axis=2)
+    rows = np.add.reduceat(counted, np.arange(0, b - a, step), axis=0)
+    return np.add.reduceat(rows, np.arange(0, d - c, across), axis=1).reshape(-1, counted.shape[2])
+
+
+def assemble(levels: list[list[Float]], world_from_map: Float) -> Texels:
+    """Lays the sums of `cut_levels` out in blocks."""
+    counts = np.array([[len(sums) for sums in level] for level in levels])
+    ends = np.cumsum(-(-counts.ravel() // LANES))
+    start = np.concatenate([[0], ends]).astype(np.int32)
+    flat = np.concatenate([sums for level in levels for sums in level])
+    owner = np.repeat(np.arange(counts.size), counts.ravel())
+    first = np.cumsum(np.concatenate([[0], counts.ravel()[:-1]]))
+    slot = np.arange(len(flat)) - first[owner] + start[owner] * LANES
+    rows = np.zeros((len(_ROWS), odd_lines(int(start[-1]) * LANES)), dtype=np.float32)
+    rows[2], rows[7] = 1.0, 1.0  # filling: no light, no size, but a direction and a width
+    rows[:3, slot] = (centroid(flat) @ world_from_map.T).T
+    rows[3:6, slot], rows[6, slot], rows[7, slot] = flat[:, :3].T, flat[:, 6], spread(flat[:, :10], flat[:, 10])
+    bounds = [start[level * counts.shape[1] :][: counts.shape[1] + 1] for level in range(len(counts))]
+    solid = np.array([[sums[:, 6].sum() for sums in level] for level in levels])
+    return Texels(rows, np.stack(bounds), np.sqrt(solid / counts).astype(np.float32))
+
+
+def odd_lines(count: int) -> int:
+    """A length of at least `count` floats that is an odd number of cache lines: even ones would share cache sets."""
+    return 16 * (-(-count // 16) | 1)
+
+
+def centroid(moments: Float) -> Float:
+    """Unit direction of light [..., 3]: the luminance centroid, or that of the solid angle where there is no light."""
+    light, area = moments[..., 3:6], moments[..., 7:10]
+    chosen = np.where(np.linalg.norm(light, axis=-1, keepdims=True) > 1e-30, light, area)
+    length = np.linalg.norm(chosen, axis=-1, keepdims=True)
+    return np.where(length > 1e-30, chosen / np.maximum(length, 1e-30), np.array([0.0, 0.0, 1.0]))
+
+
+def spread(sums: Float, cells: NDArray[np.floating]) -> Float:
+    """Angular variance of a texel's light: 2 (1 - |mean direction|), plus that of a square cell of its size."""
+    light = luminance(sums[:, :3])
+    weight, moment = np.where(light > 1e-30, light, sums[:, 6]), sums[:, 3:6]
+    moment = np.where(light[:, None] > 1e-30, moment, sums[:, 7:10])
+    mean = np.linalg.norm(moment, axis=1) / np.maximum(weight, 1e-300)
+    return 2 * np.clip(1 - mean, 0, 1) + sums[:, 6] / cells / 6

@@ -59,7 +59,7 @@ STAGES = {
         Stage("trust", 2, "chunk with halo", "observed, spread, flow, validity", ("confidence",)),
         Stage("solve", 2, "chunk with halo, in bands of rows if large", "observed, confidence, flow, validity",
               ("material",)),
-        Stage("relight", 1, "frame", "plate, G-buffer, proxy, material, light",
+        Stage("relight", 2, "frame", "plate, G-buffer, proxy, material, light",
               ("base_color", "diffuse", "specular", "shadow")),
         Stage("composite", 1, "frame", "diffuse, specular, background"),
         Stage("preview", 1, "shot", "the EXR sequence"),

@@ -57,8 +57,8 @@ class PreparedLight:
         clusters: directions that each have one visibility.
         coarse: fewer of them, for the light that the proxy's triangles receive.
         cone: [4, C] axis and sine of the half angle of every cluster (2: wider than a hemisphere).
-        moment: [12, C] energy times direction (r x, r y, r z, g x, ...) and solid angle times direction of every cluster:
-            the irradiance of a cluster above the horizon is linear in the normal.
+        moment: [12, C] energy times direction (r x, r y, r z, g x, ...) and solid angle times direction of every
+            cluster: the irradiance of a cluster above the horizon is linear in the normal.
         detail: angular size of a texel over the width of the lobe where it lies, at most.
         env: the map itself.
     """

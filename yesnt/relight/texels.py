@@ -1,8 +1,8 @@
 """Texels of a light at several sizes, laid out for vector lanes.
 
 A cluster holds texels at every level: level 0 are leaves of the tree, small where the light is strong; each further
-level is a regular cut of the cluster's cells, twice as fine along each side, down to the cells themselves. A pixel takes
-from each cluster the coarsest level that its lobe can bear, so a sharp lobe pays for fine texels only where it points.
+level is a regular cut of the cluster's cells, twice as fine along each side, down to the cells themselves. A pixel
+takes from each cluster the coarsest level that its lobe can bear: sharp lobes pay for fine texels where they point.
 """
 
 from __future__ import annotations

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from yesnt.color import LUMINANCE_REC709
 from yesnt.relight.brdf import COS_MIN
-from yesnt.relight.kernels import COLUMNS, FRESNEL, LEAST_COSINE, WIDEN, ShadingPoints, cluster_rows
+from yesnt.relight.kernels import COLUMNS, LEAST_COSINE, WIDEN, ShadingPoints, cluster_rows
 from yesnt.relight.lights import PreparedLight
+from yesnt.relight.lobes import FRESNEL
 
 if TYPE_CHECKING:
     import torch

@@ -1,0 +1,168 @@
+"""The four lobes of one pixel summed over rows of texels, eight or more to a vector.
+
+In a pixel's frame (n, t, b) with the view in the n-t plane and s = n.l + n.v, the unnormalised half vector l + v has
+tangent part q_t = (t.l + t.v, b.l) and squared length q = |q_t|^2 + s^2, so that
+    D = a2 q^2 / (pi (|q_t|^2 + a2 s^2)^2)   and   v.h = sqrt(q) / 2:
+sums of squares only, which keeps float32 exact at the peak of a sharp lobe where 1 - (n.h)^2 would cancel.
+
+A texel is a disc, not a point. In slopes m = q_t / s GGX is a2 / (pi (m^2 + a2)^2): the stereographic image of the
+uniform sphere, which maps discs to caps. So the mean of D over a disc of squared radius d is exact:
+    with x = m^2 + a2 - d and r = sqrt(x^2 + 4 a2 d):  2 a2 / (pi r (r + x)),
+and no lobe, however sharp, falls between texels, nor does its tail grow as texels do.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from yesnt.relight.brdf import COS_MIN, dielectric_fresnel
+
+_COS_NODES = np.linspace(0.0, 1.0, 2001)
+FRESNEL = (
+    np.polynomial.Polynomial.fit(_COS_NODES, dielectric_fresnel(_COS_NODES), 7)
+    .convert()
+    .coef.round(4)
+    .astype(np.float32)
+)
+_C0, _C1, _C2, _C3, _C4, _C5, _C6, _C7 = (np.float32(c) for c in FRESNEL)  # within 1e-3 of the exact Fresnel
+_HALF = np.float32(0.5)
+_ONE = np.float32(1.0)
+_TWO = np.float32(2.0)
+_ZERO = np.float32(0.0)
+_INV_2PI = np.float32(0.5 / math.pi)
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def set_frame(nx, ny, nz, vx, vy, vz, frame):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+    """Normal, tangent, bitangent, n.v and t.v; a view behind the normal is bent to just above the horizon."""
+    cosine = nx * vx + ny * vy + nz * vz
+    tx, ty, tz = vx - cosine * nx, vy - cosine * ny, vz - cosine * nz
+    length = math.sqrt(tx * tx + ty * ty + tz * tz)
+    if length < np.float32(1e-6):  # looking along the normal: any tangent will do
+        if abs(nx) < np.float32(0.7):
+            tx, ty, tz = _ONE - nx * nx, -nx * ny, -nx * nz
+        else:
+            tx, ty, tz = -ny * nx, _ONE - ny * ny, -ny * nz
+        length = math.sqrt(tx * tx + ty * ty + tz * tz)
+    tx, ty, tz = tx / length, ty / length, tz / length
+    nv = min(max(cosine, np.float32(COS_MIN)), _ONE)
+    frame[0], frame[1], frame[2] = nx, ny, nz
+    frame[3], frame[4], frame[5] = tx, ty, tz
+    frame[6], frame[7], frame[8] = ny * tz - nz * ty, nz * tx - nx * tz, nx * ty - ny * tx
+    frame[9], frame[10] = nv, math.sqrt(max(_ONE - nv * nv, _ZERO))
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def _cosine_sum(frame, rows, first, last, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    nx, ny, nz = frame[0], frame[1], frame[2]
+    s0 = s1 = s2 = sw = _ZERO
+    for t in range(first, last):
+        nl = max(nx * rows[0, t] + ny * rows[1, t] + nz * rows[2, t], _ZERO)
+        s0 += nl * rows[3, t]
+        s1 += nl * rows[4, t]
+        s2 += nl * rows[5, t]
+        sw += nl * rows[6, t]
+    out[0] += s0
+    out[1] += s1
+    out[2] += s2
+    out[16] += sw
+
+
+@njit(cache=True, fastmath=True, error_model="numpy", inline="always")
+def _fixed(frame):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """The frame as numbers, which stay in registers."""
+    return (
+        frame[0], frame[1], frame[2], frame[3], frame[4], frame[5], frame[6], frame[7], frame[8], frame[9], frame[10],
+    )  # fmt: skip
+
+
+@njit(cache=True, fastmath=True, error_model="numpy", inline="always")
+def _shape(frame, a2, smith_o, lx, ly, lz, disc):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """2 pi D V n.l of one texel, and q = |l + v|^2; see the head of this file."""
+    nl = max(frame[0] * lx + frame[1] * ly + frame[2] * lz, _ZERO)
+    along = frame[3] * lx + frame[4] * ly + frame[5] * lz + frame[10]
+    across = frame[6] * lx + frame[7] * ly + frame[8] * lz
+    s = nl + frame[9]
+    tangent = along * along + across * across
+    s2 = s * s
+    q = tangent + s2
+    x = tangent + (a2 - disc) * s2
+    half = _TWO * a2 * disc * (s2 * s2)
+    root = math.sqrt(x * x + _TWO * half)
+    square = max(root * (root + x), half)  # a bound of it that does not cancel where x is near -r
+    smith = frame[9] * (math.sqrt(nl * nl * (_ONE - a2) + a2) + nl * smith_o)
+    return nl * a2 * q * q / (_HALF * square * smith), q
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def _dielectric_lobe(frame, widen, rows, first, last, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    fixed = _fixed(frame)
+    a2 = frame[11] * frame[11]
+    smith_o = math.sqrt(frame[9] * frame[9] * (_ONE - a2) + a2) / frame[9]
+    s0 = s1 = s2 = sw = _ZERO
+    for t in range(first, last):
+        shape, q = _shape(fixed, a2, smith_o, rows[0, t], rows[1, t], rows[2, t], widen * rows[7, t])
+        c = _HALF * math.sqrt(q)
+        w = shape * (_C0 + c * (_C1 + c * (_C2 + c * (_C3 + c * (_C4 + c * (_C5 + c * (_C6 + c * _C7)))))))
+        s0 += w * rows[3, t]
+        s1 += w * rows[4, t]
+        s2 += w * rows[5, t]
+        sw += w * rows[6, t]
+    out[3] += s0
+    out[4] += s1
+    out[5] += s2
+    out[17] += sw
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def _metal_lobe(frame, widen, rows, first, last, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    fixed = _fixed(frame)
+    a2 = frame[11] * frame[11]
+    smith_o = math.sqrt(frame[9] * frame[9] * (_ONE - a2) + a2) / frame[9]
+    s0 = s1 = s2 = sw = f0 = f1 = f2 = fw = _ZERO
+    for t in range(first, last):
+        shape, q = _shape(fixed, a2, smith_o, rows[0, t], rows[1, t], rows[2, t], widen * rows[7, t])
+        m = max(_ONE - _HALF * math.sqrt(q), _ZERO)
+        high = shape * (m * m) * (m * m) * m
+        low = shape - high
+        s0 += low * rows[3, t]
+        s1 += low * rows[4, t]
+        s2 += low * rows[5, t]
+        sw += low * rows[6, t]
+        f0 += high * rows[3, t]
+        f1 += high * rows[4, t]
+        f2 += high * rows[5, t]
+        fw += high * rows[6, t]
+    out[6] += s0
+    out[7] += s1
+    out[8] += s2
+    out[18] += sw
+    out[9] += f0
+    out[10] += f1
+    out[11] += f2
+    out[19] += fw
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def add_lobes(frame, widen, rows, first, last, wanted, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+    """Adds the wanted of (irradiance, dielectric, metal) over texels [first, last) of rows [8, N] to out [20]."""
+    if wanted[0]:
+        _cosine_sum(frame, rows, first, last, out)
+    if wanted[1]:
+        _dielectric_lobe(frame, widen, rows, first, last, out)
+    if wanted[2]:
+        _metal_lobe(frame, widen, rows, first, last, out)
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def scale_lobes(out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+    """1 / (2 pi), left out of the lobes' loops."""
+    for k in range(3, 12):
+        out[k] *= _INV_2PI
+    for k in range(13, 16):
+        out[k] *= _INV_2PI
+    for k in range(17, 20):
+        out[k] *= _INV_2PI

@@ -17,8 +17,8 @@ from yesnt.session import Session
 from yesnt.shot import Job
 
 TYPICAL_SHARE = {"full": 0.35, "between": 0.1}
-"""Share of all members that a frame drawn in full, and one between keyframes, spends where a tolerance is set:
-measured on the development and the embedded shot (`tests/benchmarks/decompose_adaptive.py`)."""
+"""Share of all members that a frame drawn in full, and one between keyframes, spends where a tolerance is set.
+A guess for a job's first run, not a measurement; once frames are done, what they spent takes its place."""
 
 
 @dataclass(frozen=True)

@@ -148,7 +148,7 @@ class _Frame:
         square = torch.maximum(root * (root + x), half)
         smith = self.nv * (cos_i.square() * (1 - a2) + a2).sqrt() + cos_i * (self.nv.square() * (1 - a2) + a2).sqrt()
         shape = cos_i * a2 * q * q / (0.5 * square * smith) * (0.5 / np.pi)
-        cos_d, fresnel = 0.5 * q.sqrt(), 0.0
+        cos_d, fresnel = 0.5 * q.sqrt(), torch.zeros(())
         for coefficient in reversed(FRESNEL.tolist()):
             fresnel = fresnel * cos_d + coefficient
         high = shape * (1 - cos_d).clamp(min=0) ** 5

@@ -158,6 +158,7 @@ def _local(spec: ClusterSpec) -> Iterator[Any]:
 
     from distributed import LocalCluster
 
+    before = {name: os.environ.get(name) for name in (*THREAD_VARIABLES, *ALLOCATOR)}
     try:
         cluster = LocalCluster(
             n_workers=spec.workers,
@@ -171,10 +172,21 @@ def _local(spec: ClusterSpec) -> Iterator[Any]:
         )
     except ImportError as error:  # bokeh is a dependency of ours, but a trimmed install may lack it
         raise MissingPartError("The dashboard's library is absent", str(error), "bokeh", "pip install bokeh") from error
+    _restore(before)
     try:
         yield cluster
     finally:
         cluster.close(timeout=10)
+        _restore(before)
+
+
+def _restore(environment: dict[str, str | None]) -> None:
+    """Takes back what the nannies set for their children: it stays set in this process, whose libraries run already."""
+    for name, value in environment.items():
+        if value is None:
+            os.environ.pop(name, None)
+        else:
+            os.environ[name] = value
 
 
 def _close(client: Client) -> None:

@@ -119,7 +119,8 @@ def forecast(session: Session) -> Forecast:
     for state in states(session, graph):
         if state.state != DONE:
             reasons[stage_of(state.stage).name].append(state.why.split(";")[0])
-    rows = tuple(_row(session, graph, stage, reasons[stage]) for stage in STAGES)
+    planned = [stage for stage in STAGES if stage != "window" or any(node.stage == "window" for node in graph)]
+    rows = tuple(_row(session, graph, stage, reasons[stage]) for stage in planned)
     modelled = tuple(f"{term.term}: {term.reason}" for term in _relight_terms(session) if term.modelled)
     spent = forecast_evaluations(session, graph)
     chunks, left_out = plan.chunks, tuple(_left_out(session))

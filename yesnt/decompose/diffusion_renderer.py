@@ -22,6 +22,7 @@ from yesnt.decompose.blend import Patch, PatchGrid, PatchSum
 from yesnt.decompose.latents import default_device, diffusers_for, local_only, precision_named, srgb
 from yesnt.decompose.published import DIFFUSION_RENDERER
 from yesnt.decompose.settings import EnsembleSettings
+from yesnt.decompose.threads import one_thread
 from yesnt.errors import JobError
 from yesnt.noise import noise_field
 
@@ -113,6 +114,7 @@ class DiffusionRendererBackend:
                     one.add(patch, values)
             yield np.stack([one.value() / safe for one in sums])[..., :height, :width].astype(np.float32)
 
+    @one_thread()
     @torch.no_grad()
     def encode(self, rgb: torch.Tensor) -> torch.Tensor:
         """[F, 3, P, P] linear, black outside the matte, to the picture's latents [F, 4, P/8, P/8], unscaled."""
@@ -120,6 +122,7 @@ class DiffusionRendererBackend:
         latents = [self._vae.encode(frame[None]).latent_dist.mode() for frame in coded]
         return torch.cat(latents)
 
+    @one_thread()
     @torch.no_grad()
     def sample(self, condition: torch.Tensor, noise: torch.Tensor) -> Float32:
         """Both quantities of a patch's clip.

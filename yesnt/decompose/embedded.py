@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import torch
 
 from yesnt.decompose.backend import Licence
 from yesnt.decompose.network import noised
+from yesnt.decompose.threads import one_thread
 from yesnt.decompose.weights import SHIPPED, SMOOTH_SIGMAS, file_digest, load_weights
 
 
@@ -34,30 +33,19 @@ class EmbeddedBackend:
         self.evaluations = steps
         self.noise_sigmas = (0.0, 0.0, *SMOOTH_SIGMAS) * steps
 
+    @one_thread()
     @torch.no_grad()
     def encode(self, rgb: torch.Tensor, matte: torch.Tensor) -> torch.Tensor:
         """[8, 3, P, P] and [8, 1, P, P] to [8, C, P/2, P/2]."""
-        with _one_thread():
-            return self._network.reader(rgb, matte)
+        return self._network.reader(rgb, matte)
 
+    @one_thread()
     @torch.no_grad()
     def sample(self, condition: torch.Tensor, noise: torch.Tensor) -> torch.Tensor:
         """Denoises from pure noise; between steps the draw is noised again with fresh planes."""
         steps, clean = self.evaluations, torch.zeros(())
-        with _one_thread():
-            for i, planes in enumerate(noise.chunk(steps, 1)):
-                time = torch.full((len(noise),), 1 - i / steps)
-                state = planes[:, :2] if i == 0 else noised(clean, planes[:, :2], time)
-                clean = self._network.denoiser(state, planes[:, 2:], condition, time).clamp(-1, 1)
+        for i, planes in enumerate(noise.chunk(steps, 1)):
+            time = torch.full((len(noise),), 1 - i / steps)
+            state = planes[:, :2] if i == 0 else noised(clean, planes[:, :2], time)
+            clean = self._network.denoiser(state, planes[:, 2:], condition, time).clamp(-1, 1)
         return 0.5 + 0.5 * clean
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Small convolutions are summed in another order by two threads: one, so that the bits are always the same."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)

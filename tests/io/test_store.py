@@ -1,3 +1,5 @@
+import errno
+import os
 import shutil
 from pathlib import Path
 
@@ -45,6 +47,32 @@ def test_creating_again_keeps_what_is_there(store: FrameStore) -> None:
     digest = store.write("observed", 0, frame(0))
     again = FrameStore.create(store.path, {"observed": "observed", "solve.0": "material"}, 3, 20, 24)
     np.testing.assert_array_equal(again.read("observed", 0, digest), frame(0))
+
+
+@pytest.mark.parametrize("linkable", [True, False])
+def test_a_frame_is_carried_over_without_its_pixels(
+    store: FrameStore, linkable: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(source: Path, path: Path) -> None:
+        raise OSError(errno.EPERM, "no hard links here")
+
+    FrameStore.create(store.path, {"solve.0": "material", "solve.1": "material"}, 3, 20, 24)
+    if not linkable:
+        monkeypatch.setattr(os, "link", refuse)
+    digest = store.write("solve.0", 1, frame(1))
+    for _ in range(2):  # a task that is killed after it does it again
+        store.link("solve.0", "solve.1", 1)
+    store.write("solve.0", 1, frame(2))
+    np.testing.assert_array_equal(store.read("solve.1", 1, digest), frame(1))
+    assert [p for p in store.path.rglob("*") if ".partial" in p.name] == []
+
+
+def test_only_frames_of_one_form_that_are_there_are_carried_over(store: FrameStore) -> None:
+    FrameStore.create(store.path, {"solve.0": "material", "z": "z"}, 3, 20, 24)
+    with pytest.raises(ValueError, match="not of one form"):
+        store.link("z", "solve.0", 0)
+    with pytest.raises(CorruptError, match="its file is missing"):
+        store.link("observed", "solve.0", 0)
 
 
 def _delete(path: Path, other: Path) -> None:

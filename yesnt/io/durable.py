@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
+import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -64,6 +66,21 @@ def write_bytes(path: Path, data: bytes) -> None:
 
     with durable_path(path, prove) as temporary:
         temporary.write_bytes(data)
+
+
+def link_file(source: Path, path: Path) -> None:
+    """Gives a file that is whole already a second name, durably; where the disk knows no hard links, a copy.
+
+    Safe because files are only ever replaced, never written to.
+    """
+    with durable_path(path) as temporary:
+        try:
+            os.link(source, temporary)
+        except OSError as error:
+            if error.errno not in (errno.EPERM, errno.EXDEV, errno.ENOTSUP, errno.EMLINK, errno.ENOSYS):
+                raise
+            shutil.copyfile(source, temporary)
+    temporary.unlink(missing_ok=True)  # renaming a file over another name of itself does nothing
 
 
 def write_json(path: Path, document: Any) -> None:

@@ -21,7 +21,7 @@ from zarr.storage import LocalStore
 
 from yesnt.channels import CHANNELS
 from yesnt.errors import CorruptError
-from yesnt.io.durable import write_bytes
+from yesnt.io.durable import link_file, write_bytes
 
 ArrayForm = str | tuple[str, int]
 """A channel's name, or with it the rows of a band."""
@@ -112,6 +112,23 @@ class FrameStore:
         values = np.ascontiguousarray(frame, dtype=array.dtype)
         array[position] = values
         return array_digest(values)
+
+    def link(self, source: str, name: str, position: int) -> None:
+        """Makes a frame of one array that of another of the same form too, without reading or writing its pixels.
+
+        Raises:
+            ValueError: the arrays differ in form.
+            CorruptError: the source has no such frame.
+        """
+        held, array = self._array(source), self._array(name)
+        if (held.shape, held.dtype, held.chunks) != (array.shape, array.dtype, array.chunks):
+            raise ValueError(f"{source} {held.shape} and {name} {array.shape} are not of one form")
+        path = self.shard_path(name, position)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            link_file(self.shard_path(source, position), path)
+        except FileNotFoundError as error:
+            raise _corrupt(self.path, source, position, "its file is missing") from error
 
     def read(self, name: str, position: int, digest: str | None = None) -> NDArray[np.float32]:
         """Reads one frame `[C, H, W]`; with a digest, proves that it is the one that was committed.

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+from distributed.comm import CommClosedError
 
 from tests.fake_tasks import fake_task, runs_of
 from yesnt.cluster import ClusterSpec, open_cluster
@@ -152,3 +154,32 @@ def test_graph_refuses_nodes_before_their_needs() -> None:
 
 def test_closure_keeps_only_what_targets_need() -> None:
     assert set(chain(4).closure([("b", 2)]).nodes) == {("a", 2), ("b", 2)}
+
+
+class _LostFuture:
+    """A task that ended, whose result can no longer be fetched."""
+
+    status = "finished"
+
+    def __init__(self, error: Exception) -> None:
+        self._error = error
+
+    def add_done_callback(self, call) -> None:
+        call(self)
+
+    def result(self, timeout: float) -> None:
+        raise self._error
+
+    def release(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize("error", [CommClosedError("reset by peer"), TimeoutError()])
+def test_a_scheduler_lost_while_it_hands_a_result_over_is_a_lost_cluster(job: Job, error: Exception) -> None:
+    client = SimpleNamespace(
+        submit=lambda *args, **options: _LostFuture(error),
+        scheduler=SimpleNamespace(ncores=None),
+        sync=lambda call, callback_timeout: {"worker": 1},
+    )
+    with pytest.raises(ClusterLostError, match="run the same command again"):
+        drive(job, chain(1), client)

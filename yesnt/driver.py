@@ -134,15 +134,18 @@ class Driver:
             ClusterLostError: the scheduler vanished; what is committed stays.
             YesntError: the disk is full.
         """
+        from distributed.comm import CommClosedError
+
         heartbeat = _Heartbeat(client)
         try:
             while self._waiting:
                 self._fill(client, heartbeat.slots())
                 self._collect()
-        except BaseException:
+        except CommClosedError as error:  # it may go while a receipt is on its way
+            raise _lost("its connection broke") from error
+        finally:
             for future in self._running.values():
                 future.release()
-            raise
         return self._outcome
 
     def _fill(self, client: Client, slots: int) -> None:
@@ -185,9 +188,9 @@ class Driver:
             raise _lost("its futures are cancelled")
         del self._running[node_id]
         if status == "finished":
-            self._succeed(node, future.result(timeout=LOSS_SECONDS))
+            self._succeed(node, _received(future.result))
         else:
-            self._fail(node, future.exception(timeout=LOSS_SECONDS))
+            self._fail(node, _received(future.exception))
         fault_point("driver.after_receipt")
 
     def _succeed(self, node: Node, receipt: Receipt) -> None:
@@ -272,6 +275,14 @@ class _Heartbeat:
             else:
                 self._slots, self._answered = max(1, sum(threads.values())), time.monotonic()
         return self._slots
+
+
+def _received(fetch: Callable[..., Any]) -> Any:
+    """What the scheduler holds of a task that has ended."""
+    try:
+        return fetch(timeout=LOSS_SECONDS)
+    except TimeoutError as error:
+        raise _lost("it does not hand a result over") from error
 
 
 def _lost(why: str) -> ClusterLostError:

@@ -176,14 +176,16 @@ class Session:
                 result.missing |= {(node.stage, frame): reason for frame in node.frames}
                 if reasons is outcome.dead:
                     self._mark_dead(node, reason)
-        return bool((outcome.failed or outcome.dead) and outcome.blocked)
+        lost = {stage_of(stage).name for stage, _ in (*outcome.failed, *outcome.dead)}
+        return bool(outcome.blocked and lost - {"preview"})  # a film has no frames that one could do without
 
     def _sweep_transients(self) -> None:
-        """Removes what served its users only, once they are all done: earlier sweeps, windows before blending."""
+        """Removes what served its users only, once they are all done: earlier sweeps, windows, reels of the film."""
         graph = self.graph()
-        for stage, served in (("solve", "solve.*"), ("decompose", "window.*")):
+        for stage, served in (("solve", "solve.*"), ("decompose", "window.*"), ("preview", "preview.*")):
             if all(is_done(self.book, node) for node in graph if node.stage == stage):
-                for folder in (self.book.folder, self.output.store):  # records first: no record without its frame
+                # Records first: no record without its frame.
+                for folder in (self.book.folder, self.output.store, self.output.reels):
                     for transient in folder.glob(served):
                         shutil.rmtree(transient)
 

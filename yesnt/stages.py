@@ -22,6 +22,7 @@ from yesnt.decompose.settings import REUSE_ONLY, keyframe_after
 from yesnt.decompose.window import Window, plan_windows
 from yesnt.graph import Node
 from yesnt.io.jobfile import frame_path
+from yesnt.io.preview import REEL
 from yesnt.io.records import key_of
 from yesnt.io.store import ArrayForm
 from yesnt.shot import Job
@@ -62,7 +63,7 @@ STAGES = {
         Stage("relight", 2, "frame", "plate, G-buffer, proxy, material, light",
               ("base_color", "diffuse", "specular", "shadow")),
         Stage("composite", 1, "frame", "diffuse, specular, background"),
-        Stage("preview", 1, "shot", "the EXR sequence"),
+        Stage("preview", 2, "second of the film; then the shot", "the EXR sequence"),
     )
 }  # fmt: skip
 """Every stage by name, in order."""
@@ -315,12 +316,26 @@ class ShotPlan:
         upstream = [("relight", frame), ("decompose", frame)]
         return self._node("composite", frame, settings, inputs, upstream, keys, {"job_digest": self.job_digest})
 
-    def preview(self, keys: Keys) -> Node:
-        """A film and a contact sheet of what was delivered."""
-        upstream = [("composite", f) for f in self.delivered]
-        fields = self._fields("preview", {"name": self.job.shot.name}, {}, upstream, keys)
+    @property
+    def reels(self) -> tuple[tuple[int, ...], ...]:
+        """Delivered frames by the reel of the film that holds them."""
+        return tuple(self.delivered[first : first + REEL] for first in range(0, len(self.delivered), REEL))
+
+    def reel(self, index: int, keys: Keys) -> Node:
+        """A part of the film, coded as soon as its frames are delivered."""
+        frames = self.reels[index]
+        upstream = [("composite", frame) for frame in frames]
+        fields = self._fields("preview.reel", {"name": self.job.shot.name}, {}, upstream, keys)
         needs = tuple(self._node_of(stage, frame) for stage, frame in upstream)
-        return Node("preview", 0, (self.job.frames[0],), fields, needs, {"frames": self.delivered})
+        return Node("preview.reel", index, frames[:1], fields, needs, {"frames": frames}, transient=True)
+
+    def preview(self, keys: Keys) -> Node:
+        """The film and a contact sheet of what was delivered."""
+        upstream = [("preview.reel", frames[0]) for frames in self.reels]
+        fields = self._fields("preview", {}, {}, upstream, keys)
+        numbers = tuple(range(len(self.reels)))
+        needs = tuple(("preview.reel", number) for number in numbers)
+        return Node("preview", 0, (self.job.frames[0],), fields, needs, {"reels": numbers})
 
     def _material(self, loaded: range) -> list[tuple[str, int]]:
         """What stages before the solver know of these positions."""

@@ -148,12 +148,18 @@ def composite(space: Workspace) -> None:
 
 
 def preview(space: Workspace) -> None:
-    """The film and the contact sheet."""
-    from yesnt.io.preview import write_preview
+    """A reel of the film, or the film and the contact sheet from all reels."""
+    from yesnt.io.preview import join_reels, write_reel
 
-    job, output = space.job, space.output
-    paths = [output.exr_path(job.shot.name, frame) for frame in space.node.arguments["frames"]]
-    files = write_preview(paths, output.run)
+    output, arguments = space.output, space.node.arguments
+    if "reels" in arguments:
+        reels, strips = zip(*(output.reel_paths(number) for number in arguments["reels"]), strict=True)
+        files = output.run / "preview.mp4", output.run / "contact_sheet.png"
+        join_reels(reels, strips, *files)
+    else:
+        files = output.reel_paths(space.node.index)
+        files[0].parent.mkdir(parents=True, exist_ok=True)
+        write_reel([output.exr_path(space.job.shot.name, frame) for frame in arguments["frames"]], *files)
     digests = {str(path.relative_to(output.root)): file_digest(path) for path in files}
     space.commit(space.node.frames[0], {}, digests)
 

@@ -62,6 +62,16 @@ class OutputFolder:
         """The delivered file of a frame."""
         return self.exr / f"{name}.{frame:04d}.exr"
 
+    @property
+    def reels(self) -> Path:
+        """Folder of the film's reels while frames arrive, in a folder named after their stage."""
+        return self.run / "reels"
+
+    def reel_paths(self, number: int) -> tuple[Path, Path]:
+        """One reel of the film, and its frames as a strip for the contact sheet."""
+        stem = self.reels / "preview.reel" / f"{number:05d}"
+        return stem.with_suffix(".mp4"), stem.with_suffix(".png")
+
     def log_path(self, stage: str, frame: int) -> Path:
         """The log of one frame of one stage."""
         return self.run / "logs" / stage / f"{frame:04d}.log"

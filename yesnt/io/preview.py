@@ -1,9 +1,14 @@
-"""A film and a contact sheet for the eye: sRGB from the delivered EXRs, made again only when they change."""
+"""A film and a contact sheet for the eye: sRGB from the delivered EXRs, made again only when they change.
+
+The film is coded reel by reel as frames are delivered, and its reels are put together without coding them again.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,40 +18,87 @@ from yesnt.io.durable import durable_path
 from yesnt.io.exr import read_image
 
 FRAMES_PER_SECOND = 24
+REEL = 24
+"""Frames of a reel, one second: also the distance of the film's key frames."""
+
 SHEET_COLUMNS, SHEET_CELLS, SHEET_CELL_WIDTH = 8, 16, 192
 
 
-def write_preview(exrs: Sequence[Path], folder: Path) -> tuple[Path, Path]:
-    """Writes `preview.mp4` and `contact_sheet.png` from the composites in a sequence of EXRs.
+def write_reel(exrs: Sequence[Path], film: Path, strip: Path) -> None:
+    """Codes the composites of some frames as a film of their own, and sets them side by side on a strip, small.
 
-    One frame is in memory at a time, whatever the length of the shot.
+    One frame is in memory at a time.
     """
-    film, sheet = folder / "preview.mp4", folder / "contact_sheet.png"
-    stride = max(1, -(-len(exrs) // SHEET_CELLS))
     cells: list[NDArray[np.uint8]] = []
-    with durable_path(film) as temporary:
-        import av
+    with _film(film) as container:
+        stream = None
+        for path in exrs:
+            picture = _display(path)
+            if stream is None:
+                stream = _coded_stream(container, picture)
+            _mux(container, stream, picture)
+            cells.append(_shrink(picture))
+        if stream is not None:
+            container.mux(stream.encode())
+    _write_png(strip, np.concatenate(cells, axis=1))
 
-        with av.open(str(temporary), "w", format="mp4", options={"fflags": "+bitexact"}) as container:
-            stream = None
-            for i, path in enumerate(exrs):
-                picture = _display(path)
-                if stream is None:
-                    stream = container.add_stream("libx264", rate=FRAMES_PER_SECOND)
-                    stream.height, stream.width = picture.shape[:2]
-                    stream.pix_fmt = "yuv420p"
-                    # One thread and bit-exact flags: equal pictures give equal bytes.
-                    stream.options = {"crf": "18", "threads": "1", "x264-params": "threads=1"}
-                    stream.codec_context.flags |= av.codec.context.Flags.bitexact
-                for packet in stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")):
+
+def join_reels(reels: Sequence[Path], strips: Sequence[Path], film: Path, sheet: Path) -> None:
+    """Puts reels together in order, without coding them again, and makes a contact sheet of their strips."""
+    import av
+
+    first, target = 0, None
+    with _film(film) as container:
+        for reel in reels:
+            with av.open(str(reel)) as source:
+                stream = source.streams.video[0]
+                target = target or container.add_stream_from_template(stream)
+                frames = 0
+                for packet in source.demux(stream):
+                    if packet.dts is None:  # the end of the file
+                        continue
+                    frames += 1
+                    _shift(packet, first)
+                    packet.stream = target
                     container.mux(packet)
-                if i % stride == 0:
-                    cells.append(_shrink(picture))
-            if stream is not None:
-                for packet in stream.encode():
-                    container.mux(packet)
-    _write_sheet(sheet, cells)
-    return film, sheet
+            first += frames
+    _write_png(sheet, _sheet(strips, first))
+
+
+@contextmanager
+def _film(path: Path) -> Iterator[Any]:
+    """An mp4 that is written whole or not at all; equal pictures give equal bytes."""
+    import av
+
+    with (
+        durable_path(path) as temporary,
+        av.open(str(temporary), "w", format="mp4", options={"fflags": "+bitexact"}) as container,
+    ):
+        yield container
+
+
+def _coded_stream(container: Any, picture: NDArray[np.uint8]) -> Any:
+    import av
+
+    stream = container.add_stream("libx264", rate=FRAMES_PER_SECOND)
+    stream.height, stream.width = picture.shape[:2]
+    stream.pix_fmt = "yuv420p"
+    stream.options = {"crf": "18", "threads": "1", "x264-params": "threads=1"}
+    stream.codec_context.flags |= av.codec.context.Flags.bitexact
+    return stream
+
+
+def _mux(container: Any, stream: Any, picture: NDArray[np.uint8]) -> None:
+    import av
+
+    container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+
+
+def _shift(packet: Any, frames: int) -> None:
+    """Moves a packet of a reel to its place in the film."""
+    ticks = round(frames / (FRAMES_PER_SECOND * packet.time_base))
+    packet.pts += ticks
+    packet.dts += ticks
 
 
 def _display(path: Path) -> NDArray[np.uint8]:
@@ -64,16 +116,31 @@ def _shrink(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.asarray(cv2.resize(picture, (SHEET_CELL_WIDTH, height), interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def _write_sheet(path: Path, cells: Sequence[NDArray[np.uint8]]) -> None:
-    import cv2
-
+def _sheet(strips: Sequence[Path], length: int) -> NDArray[np.uint8]:
+    """A few frames of all strips, evenly chosen, in rows."""
+    chosen = range(0, length, max(1, -(-length // SHEET_CELLS)))
+    cells = [cell for i, cell in enumerate(_cells(strips)) if i in chosen]
     columns = min(SHEET_COLUMNS, len(cells))
-    rows = -(-len(cells) // columns)
     height, width = cells[0].shape[:2]
-    sheet = np.zeros((rows * height, columns * width, 3), np.uint8)
+    sheet = np.zeros((-(-len(cells) // columns) * height, columns * width, 3), np.uint8)
     for i, cell in enumerate(cells):
         y, x = i // columns * height, i % columns * width
         sheet[y : y + height, x : x + width] = cell
-    _, data = cv2.imencode(".png", sheet[..., ::-1])
+    return sheet
+
+
+def _cells(strips: Sequence[Path]) -> Iterator[NDArray[np.uint8]]:
+    import cv2
+
+    for path in strips:
+        strip = np.asarray(cv2.imread(str(path)), np.uint8)[..., ::-1]
+        for x in range(0, strip.shape[1], SHEET_CELL_WIDTH):
+            yield strip[:, x : x + SHEET_CELL_WIDTH]
+
+
+def _write_png(path: Path, picture: NDArray[np.uint8]) -> None:
+    import cv2
+
+    _, data = cv2.imencode(".png", picture[..., ::-1])
     with durable_path(path) as temporary:
         temporary.write_bytes(data.tobytes())

@@ -1,0 +1,64 @@
+"""The film: reels are put together without loss, in order, with the same bytes each time."""
+
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from yesnt.io.exr import write_exr
+from yesnt.io.preview import REEL, SHEET_CELL_WIDTH, SHEET_CELLS, join_reels, write_reel
+
+LENGTH = 2 * REEL + 5
+
+
+@pytest.fixture(scope="module")
+def exrs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Frames that grow brighter: a frame out of place would be seen."""
+    folder, paths = tmp_path_factory.mktemp("exrs"), []
+    for i in range(LENGTH):
+        paths.append(folder / f"f.{i:04d}.exr")
+        write_exr(paths[-1], {c: np.full((33, 48), (i + 1) / LENGTH, np.float16) for c in "RGB"})
+    return paths
+
+
+def make(folder: Path, exrs: list[Path], length: int) -> tuple[Path, Path]:
+    folder.mkdir()
+    reels, strips = [], []
+    for first in range(0, len(exrs), length):
+        reels.append(folder / f"{first}.mp4")
+        strips.append(folder / f"{first}.png")
+        write_reel(exrs[first : first + length], reels[-1], strips[-1])
+    film, sheet = folder / "film.mp4", folder / "sheet.png"
+    join_reels(reels, strips, film, sheet)
+    return film, sheet
+
+
+def luminance(film: Path) -> tuple[list[float], list[float]]:
+    with av.open(str(film)) as source:
+        frames = [(float(f.time), float(f.to_ndarray(format="gray").mean())) for f in source.decode(video=0)]
+    return [t for t, _ in frames], [y for _, y in frames]
+
+
+def test_reels_become_one_film_in_order(exrs: list[Path], tmp_path: Path) -> None:
+    times, values = luminance(make(tmp_path / "a", exrs, REEL)[0])
+    _, whole = luminance(make(tmp_path / "b", exrs, LENGTH)[0])
+    np.testing.assert_allclose(times, np.arange(LENGTH) / 24, atol=1e-3)
+    np.testing.assert_allclose(values, whole, atol=1.5)  # one grey level of a lossy code
+    assert np.all(np.diff(values) > -1)
+    assert values[-1] - values[0] > 150
+
+
+def test_the_sheet_does_not_depend_on_reels(exrs: list[Path], tmp_path: Path) -> None:
+    sheets = [make(tmp_path / str(n), exrs, n)[1].read_bytes() for n in (REEL, LENGTH)]
+    assert sheets[0] == sheets[1]
+    picture = cv2.imread(str(tmp_path / str(REEL) / "sheet.png"))
+    cells = [picture[:, x : x + SHEET_CELL_WIDTH] for x in range(0, picture.shape[1], SHEET_CELL_WIDTH)]
+    assert len(cells) * (picture.shape[0] // 128) <= SHEET_CELLS
+    assert np.all(np.diff([cell[:128].mean() for cell in cells]) > 0)
+
+
+def test_the_same_pictures_give_the_same_film(exrs: list[Path], tmp_path: Path) -> None:
+    films = [make(tmp_path / name, exrs, REEL)[0].read_bytes() for name in "ab"]
+    assert films[0] == films[1]

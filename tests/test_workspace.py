@@ -1,0 +1,63 @@
+"""What a task has on its desk: its clock and what it carries over."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.tiny_shot import write_tiny_shot
+from yesnt.graph import Node
+from yesnt.io.store import FrameStore
+from yesnt.preflight import resolve
+from yesnt.workspace import Clock, Workspace
+
+
+def spend(seconds: float) -> None:
+    time.sleep(seconds)
+
+
+def test_reading_inside_a_kernel_is_not_kernel_time() -> None:
+    clock = Clock()
+    with clock.reading_time():
+        spend(0.02)  # before the kernel: no part of it
+    with clock.kernel_time():
+        spend(0.05)
+        with clock.reading_time(), clock.reading_time():  # a plate is read for its matte
+            spend(0.2)
+    assert 0.05 <= clock.kernel < 0.2
+
+
+def test_a_kernel_that_waits_spends_no_processor_time() -> None:
+    clock = Clock()
+    with clock.kernel_time():
+        spend(0.2)
+    assert clock.kernel_processor < 0.1 <= clock.kernel
+
+
+@pytest.fixture
+def job(tmp_path: Path):
+    job = resolve(write_tiny_shot(tmp_path / "shot", 2)).job
+    FrameStore.create(
+        Workspace(job, Node("solve.0", 0, (1001,), {})).output.store,
+        {"solve.0": "material", "solve.1": "material"}, 2, job.height, job.width,
+    )  # fmt: skip
+    return job
+
+
+def test_a_frame_carried_over_is_committed_with_the_same_content(job) -> None:
+    first = Workspace(job, Node("solve.0", 0, (1001,), {"sweep": 0}))
+    values = np.random.default_rng(0).random((2, job.height, job.width), dtype=np.float32)
+    first.commit(1001, {"solve.0": values})
+    second = Workspace(job, Node("solve.1", 0, (1001,), {"sweep": 1}))
+    assert second.pending() == (1001,)
+    second.carry(1001, "solve.1", ("solve.0", "solve.0"), {"skipped": True})
+    assert second.pending() == ()
+    np.testing.assert_array_equal(second.read("solve.1", "solve.1", 1001), values)
+    old, new = (first.store.shard_path(name, 0) for name in ("solve.0", "solve.1"))
+    assert old.samefile(new)
+    record = second.book.find("solve.1", 1001)
+    assert record is not None
+    assert record.facts["skipped"]

@@ -44,6 +44,10 @@ SPOILERS = {
         lambda d: (d / "plate.1009.exr").write_bytes(b""),
         r"1 frames on disk are not in the range, first 1009",
     ),
+    "folder in a plate's place": (
+        lambda d: ((d / "plate.1002.exr").unlink(), (d / "plate.1002.exr").mkdir()),
+        r"Is a directory.*plate\.1002",
+    ),
     "truncated plate": (
         lambda d: (d / "plate.1003.exr").write_bytes((d / "plate.1003.exr").read_bytes()[:600]),
         "damaged|opened",

@@ -121,22 +121,30 @@ def forget(session: Session, stages: list[str], frames: str | None) -> int:
 
     Raises:
         UsageError: an unknown stage or frame range.
+        JobError: a driver runs the job.
     """
     unknown = sorted(set(stages) - set(STAGES))
     if unknown:
         raise UsageError(f"No stage {unknown[0]!r}", "--stage", f"one of {', '.join(STAGES)}", "check its spelling")
     wanted = set(session.job.frames if frames is None else parse_frames(frames, "--frames"))
-    count = 0
-    for stage, frame in list(session.marked_dead()):
-        if frame in wanted and stage_of(stage).name in stages:
-            (session.output.dead / stage / f"{frame:04d}.json").unlink()
-            count += 1
-    for node in session.graph():
-        for frame in node.frames:
-            if frame in wanted and stage_of(node.stage).name in stages and session.book.find(node.stage, frame):
-                session.book.forget(node.stage, frame)
-                count += 1
-    return count
+    with session.output.lock():
+        return _forget_marks(session, stages, wanted) + _forget_records(session, stages, wanted)
+
+
+def _forget_marks(session: Session, stages: list[str], wanted: set[int]) -> int:
+    chosen = [(s, f) for s, f in session.marked_dead() if f in wanted and stage_of(s).name in stages]
+    for stage, frame in chosen:
+        (session.output.dead / stage / f"{frame:04d}.json").unlink()
+    return len(chosen)
+
+
+def _forget_records(session: Session, stages: list[str], wanted: set[int]) -> int:
+    nodes = [node for node in session.graph() if stage_of(node.stage).name in stages]
+    chosen = [(node.stage, frame) for node in nodes for frame in wanted.intersection(node.frames)]
+    held = [(stage, frame) for stage, frame in chosen if session.book.find(stage, frame)]
+    for stage, frame in held:
+        session.book.forget(stage, frame)
+    return len(held)
 
 
 def as_json(rows: list[FrameState] | list[Damage]) -> list[dict[str, Any]]:

@@ -47,6 +47,26 @@ class ClusterSpec:
     memory: int = 0
 
 
+def check_kind(spec: ClusterSpec) -> None:
+    """Refuses a kind of cluster that is not known, before anything is written.
+
+    Raises:
+        UsageError: the kind is unknown, or a scheduler off this machine is asked for without TLS.
+    """
+    kind, here = spec.kind, ("tcp://127.", "tcp://localhost", "tcp://[::1]")
+    if kind == "local" or kind.startswith(("tls://", *here)):
+        return
+    if kind.startswith("tcp://"):
+        raise UsageError(
+            "A scheduler on another machine must use TLS: whoever reaches it runs code",
+            f"--cluster {kind}", "tls://HOST:PORT", "start the scheduler with TLS, or tunnel it to 127.0.0.1",
+        )  # fmt: skip
+    raise UsageError(
+        f"No cluster of the kind {kind!r}", "--cluster", "local, tcp://127.0.0.1:PORT or tls://HOST:PORT",
+        "start a scheduler and workers by SSH or by your farm's own means (deploy/README.md), and give its address",
+    )  # fmt: skip
+
+
 def warm_up(spec: ClusterSpec, modules: tuple[str, ...]) -> None:
     """Starts the process that local workers are forked from; it imports for all of them, beside whatever comes next.
 
@@ -159,18 +179,9 @@ def _address(spec: ClusterSpec) -> Iterator[Any]:
     if spec.kind == "local":
         with _local(spec) as cluster:
             yield cluster
-    elif spec.kind.startswith("tls://") or spec.kind.startswith(("tcp://127.", "tcp://localhost", "tcp://[::1]")):
-        yield spec.kind
-    elif spec.kind.startswith("tcp://"):
-        raise UsageError(
-            "A scheduler on another machine must use TLS: whoever reaches it runs code",
-            f"--cluster {spec.kind}", "tls://HOST:PORT", "start the scheduler with TLS, or tunnel it to 127.0.0.1",
-        )  # fmt: skip
     else:
-        raise UsageError(
-            f"No cluster of the kind {spec.kind!r}", "--cluster", "local, tcp://127.0.0.1:PORT or tls://HOST:PORT",
-            "start a scheduler and workers by SSH or by your farm's own means (deploy/README.md), and give its address",
-        )  # fmt: skip
+        check_kind(spec)
+        yield spec.kind
 
 
 @contextmanager

@@ -6,7 +6,6 @@ driver, a worker or a scheduler may vanish at any moment and the next run goes o
 
 from __future__ import annotations
 
-import errno
 import heapq
 import queue
 import time
@@ -17,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from yesnt.errors import ClusterLostError, YesntError
 from yesnt.faults import fault_point
 from yesnt.graph import Graph, Node, NodeId
+from yesnt.io.durable import disk_full, is_full
 from yesnt.io.records import RecordBook
 
 if TYPE_CHECKING:
@@ -211,13 +211,8 @@ class Driver:
         if isinstance(error, KilledWorker):
             self._die(node)
             return
-        if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
-            raise YesntError(
-                "The disk is full",
-                f"{error.filename or 'the output folder'}, stage {node.stage}, frame {node.frames[0]}",
-                "room for the frame store and the EXRs (`yesnt plan` says how much)",
-                "free some and run again: nothing is lost",
-            ) from error
+        if error is not None and is_full(error):
+            raise disk_full(error, f"stage {node.stage}, frame {node.frames[0]}") from error
         self._failures[node.id] = self._failures.get(node.id, 0) + 1
         reason = f"{type(error).__name__}: {error}" if not isinstance(error, YesntError) else str(error)
         retry = not isinstance(error, YesntError) and self._failures[node.id] <= self._settings.retries

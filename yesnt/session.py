@@ -14,7 +14,7 @@ from typing import Any
 
 from yesnt import settings as of
 from yesnt.chunks import ChunkPlan, Extent, fits_whole, matte_share, plan_chunks
-from yesnt.cluster import ClusterSpec, open_cluster, warm_up
+from yesnt.cluster import ClusterSpec, check_kind, open_cluster, warm_up
 from yesnt.driver import Driver, DriverSettings, Outcome, is_done
 from yesnt.errors import UsageError
 from yesnt.graph import Graph, Node, NodeId
@@ -139,6 +139,7 @@ class Session:
         Raises:
             YesntError: bad input, a full disk, a lost scheduler.
         """
+        check_kind(options.cluster)
         graph = self.graph()
         wanted = graph.closure(self.targets(graph, options))  # a wrong option is told before anything is written
         warnings = inspect_form(self.resolved)

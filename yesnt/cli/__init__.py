@@ -23,6 +23,13 @@ def main() -> None:
         status = error.exit_status
     except (KeyboardInterrupt, typer.Abort):
         status = INTERRUPTED
+    except OSError as error:
+        from yesnt.io.durable import disk_full, is_full
+
+        if not is_full(error):
+            raise
+        print_error(disk_full(error), as_json="--json" in sys.argv)
+        status = 1
     except Exception as error:
         # Usage errors come from click, or from typer's own copy of it, by release: both can show themselves.
         if not hasattr(error, "show") or not hasattr(error, "exit_code"):

@@ -125,9 +125,7 @@ def retry(
     from yesnt.session import RunOptions, Session
     from yesnt.stages import STAGES
 
-    session = Session(shot)
-    with session.output.lock():
-        forget(session, stage or list(STAGES), frames)
+    forget(Session(shot), stage or list(STAGES), frames)
     return _drive(Session(shot), RunOptions(cluster=ClusterSpec(cluster, workers)), json)
 
 
@@ -154,8 +152,9 @@ def verify(
         print(f"{len(damage)} damaged" if damage else "Everything is as it was committed.")
     if not (damage and repair):
         return 1 if damage else 0
-    for found in damage:
-        session.book.forget(found.stage, found.frame)
+    with session.output.lock():
+        for found in damage:
+            session.book.forget(found.stage, found.frame)
     return _drive(session, RunOptions(cluster=ClusterSpec("local", workers)), json)
 
 

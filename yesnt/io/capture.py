@@ -145,6 +145,10 @@ def file_digest(path: Path) -> str:
         raise JobError(
             "A file is missing", str(path), "a readable file", "check the path and the frame range"
         ) from error
+    except OSError as error:  # a folder, no permission, a dangling network mount
+        raise JobError(
+            f"A file cannot be read ({error.strerror})", str(path), "a readable file", "check what it is and its rights"
+        ) from error
 
 
 def _plate(job: Job, spec: PlateInput, frame: int) -> Plate:

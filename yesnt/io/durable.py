@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from yesnt.errors import CorruptError
+from yesnt.errors import CorruptError, YesntError
 from yesnt.faults import fault_point
 
 PARTIAL = ".partial"
@@ -33,9 +33,26 @@ def durable_path(path: Path, prove: Callable[[Path], None] = lambda written: Non
         fault_point(f"{path.suffix.lstrip('.') or 'shard'}.before_rename")  # shards are the files without a suffix
         os.replace(temporary, path)
         sync_folder(path.parent)
-    except BaseException:
+    except BaseException as error:
         temporary.unlink(missing_ok=True)
+        if is_full(error):  # libraries say so in their own ways, and some of their errors cannot be sent from a worker
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path)) from error
         raise
+
+
+def is_full(error: BaseException) -> bool:
+    """Whether an error, of whatever class, says that the disk or the user's share of it is full."""
+    full = (errno.ENOSPC, errno.EDQUOT)
+    return getattr(error, "errno", None) in full or any(os.strerror(code) in str(error) for code in full)
+
+
+def disk_full(error: BaseException, doing: str = "") -> YesntError:
+    """A full disk in the user's words."""
+    where = ", ".join(part for part in (getattr(error, "filename", None) or "the output folder", doing) if part)
+    return YesntError(
+        "The disk is full", where, "room for the frame store and the EXRs (`yesnt plan` says how much)",
+        "free some and run again: nothing is lost",
+    )  # fmt: skip
 
 
 def sync_file(path: Path) -> None:

@@ -1,0 +1,59 @@
+"""Files are whole or absent, and a full disk is told as one."""
+
+from __future__ import annotations
+
+import errno
+import os
+import resource
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from yesnt.io.durable import disk_full, durable_path, is_full, write_bytes
+from yesnt.io.exr import write_exr
+
+
+@pytest.mark.parametrize(
+    ("error", "full"),
+    [
+        (OSError(errno.ENOSPC, "No space left on device"), True),
+        (OSError(errno.EDQUOT, "Disk quota exceeded"), True),
+        (RuntimeError("Failed to write pixel data. No space left on device."), True),  # as OpenEXR says it
+        (OSError(errno.EIO, "Input/output error"), False),
+        (ValueError("no space"), False),
+    ],
+)
+def test_a_full_disk_is_known_whoever_says_it(tmp_path: Path, error: Exception, full: bool) -> None:
+    assert is_full(error) is full
+    path = tmp_path / "a.bin"
+    with pytest.raises(OSError if full else type(error)) as caught, durable_path(path):
+        raise error
+    if full:
+        assert (caught.value.errno, caught.value.filename) == (errno.ENOSPC, str(path))
+        assert str(disk_full(caught.value, "frame 3")).startswith(f"The disk is full. Where: {path}, frame 3.")
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.fixture
+def small_files() -> Iterator[None]:
+    """No file may grow beyond 4 kB."""
+    before, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    signal.signal(signal.SIGXFSZ, handler)
+
+
+@pytest.mark.usefixtures("small_files")
+def test_a_write_that_is_cut_short_leaves_what_was_there(tmp_path: Path) -> None:
+    write_bytes(tmp_path / "a", b"old")
+    noise = np.random.default_rng(0).random((64, 64)).astype(np.float32)
+    with pytest.raises(OSError, match="large"):
+        write_bytes(tmp_path / "a", bytes(10000))
+    with pytest.raises((OSError, RuntimeError)):
+        write_exr(tmp_path / "a.exr", {"Y": noise})
+    assert (tmp_path / "a").read_bytes() == b"old"
+    assert os.listdir(tmp_path) == ["a"]

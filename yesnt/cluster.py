@@ -166,10 +166,9 @@ def dask_settings() -> dict[str, Any]:
         "distributed.worker.memory.pause": False,
         "distributed.worker.memory.terminate": 0.95,
         "distributed.worker.memory.recent-to-old-time": "600s",
-        "distributed.nanny.pre-spawn-environ": dict(WORKER_ENVIRONMENT),
+        "distributed.nanny.pre-spawn-environ": {**dict.fromkeys(THREAD_VARIABLES, "1"), **ALLOCATOR},
         "distributed.comm.timeouts.connect": f"{_CONNECT_SECONDS}s",
         "distributed.worker.use-file-locking": False,
-        "distributed.worker.multiprocessing-method": "forkserver",
         "distributed.admin.low-level-log-length": 0,
     }
 
@@ -177,7 +176,9 @@ def dask_settings() -> dict[str, Any]:
 @contextmanager
 def _address(spec: ClusterSpec) -> Iterator[Any]:
     if spec.kind == "local":
-        with _local(spec) as cluster:
+        import dask
+
+        with dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"}), _local(spec) as cluster:
             yield cluster
     else:
         check_kind(spec)

@@ -170,6 +170,10 @@ def dask_settings() -> dict[str, Any]:
         "distributed.comm.timeouts.connect": f"{_CONNECT_SECONDS}s",
         "distributed.worker.use-file-locking": False,
         "distributed.admin.low-level-log-length": 0,
+        # What Dask measures of itself many times a second costs a long run processor time and, slowly, memory.
+        "distributed.worker.profile.enabled": False,
+        "distributed.admin.tick.interval": "500ms",
+        "distributed.admin.system-monitor.interval": "2s",
     }
 
 

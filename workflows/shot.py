@@ -31,10 +31,13 @@ def _nodes(plan: ShotPlan) -> Iterator[Node]:
     yield from (add(plan.decompose(frame, keys)) for frame in plan.present if frame not in between)
     yield from map(add, map(plan.flow, plan.linked))
     yield from (add(plan.decompose(frame, keys)) for frame in plan.present if frame in between)
-    yield from (add(plan.trust(block, keys)) for block in plan.blocks)
-    yield from (add(plan.solve(sweep, chunk, band, keys)) for sweep, chunk, band in plan.solved())
-    if not plan.chunks.whole:
-        yield from (add(plan.join(block, keys)) for block in plan.blocks)
+    yield from (add(plan.trust(block, keys)) for block in plan.trusted)
+    for sweep in range(1 + plan.exchange.sweeps):
+        if plan.exchange.is_joint(sweep):
+            yield add(plan.joint(sweep, keys))
+        yield from (add(plan.solve(sweep, chunk, band, keys)) for chunk, band in plan.exchange.solved(sweep))
+    if not (plan.chunks.whole or plan.exchange.ends_jointly):
+        yield from (add(plan.join(block, keys)) for block in plan.exchange.blocks)
     yield from (add(plan.relight(frame, keys)) for frame in plan.delivered)
     yield from (add(plan.composite(frame, keys)) for frame in plan.delivered)
     yield from (add(plan.reel(index, keys)) for index in range(len(plan.reels)))

@@ -3,21 +3,30 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from yesnt.blocks import Block, Span, row_bands
+from yesnt.blocks import Block, row_bands
 from yesnt.io.capture import read_matte
 from yesnt.shot import Job, TemporalInput
-from yesnt.temporal.blocks import band_rows, block_bytes, halo_frames, halo_rows, sweeps_needed
+from yesnt.temporal.blocks import band_rows, block_bytes, halo_frames, halo_rows, listed_bytes, sweeps_needed
 from yesnt.temporal.params import EnergyParams
 
 TYPICAL_CONFIDENCE = 0.1
 """Data weight that the halo is made for: weaker tracks are rarer, and the exchange sweeps reach them."""
 
 WEAKEST_CONFIDENCE = 0.02
-"""Data weight up to which the planned sweeps reach the tolerance; each record of a chunk tells its last seam."""
+"""Data weight up to which sweeps reach the tolerance where memory has no room for joint ones."""
+
+ROUND = 3
+"""Sweeps of a round: the two colours of a chessboard of blocks, and a joint one (exchange.py)."""
+
+ROUNDS = 2
+"""Rounds that are planned: one suffices where the joint sweep may hold all that moved, the next shows it at rest."""
+
+SHORTEST = 16
+"""Frames below which a chunk is rather cut into bands of rows than made shorter."""
 
 RESIDENT = 400e6
 """Bytes of a worker that has loaded what the solver needs."""
@@ -46,21 +55,25 @@ class Extent:
 
 @dataclass(frozen=True)
 class ChunkPlan:
-    """How long a block's halo is, and how often blocks exchange their borders.
+    """How long chunks and their halos are, and how often blocks exchange their borders.
 
     Attributes:
+        chunk: frames of a chunk at most; the whole sequence where memory allows.
         halo: frames read on both sides of a chunk.
         sweeps: exchanges after the first solve, at most; one that would change nothing keeps what is there.
         bands: rows; a single band where a chunk fits into memory whole.
         reach: rows that a band reads around its outer rows in an exchange, at most; 0 for a single band.
         peak_bytes: predicted resident memory of a worker that solves a block.
+        joint: pixels that a joint sweep may list; 0: memory has no room for one.
     """
 
+    chunk: int
     halo: int
     sweeps: int
     bands: tuple[Block, ...]
     reach: int = 0
     peak_bytes: float = 0.0
+    joint: int = 0
 
     @property
     def whole(self) -> bool:
@@ -83,43 +96,72 @@ class ChunkPlan:
 def plan_chunks(
     params: EnergyParams, temporal: TemporalInput, tolerance: float, frames: int, extent: Extent
 ) -> ChunkPlan:
-    """Halo, sweeps and bands for a job.
+    """Chunks, halo, sweeps and bands for a job.
 
-    The halo follows the decay formula for a typical confidence but is at most half a chunk, since every frame of it is
-    solved twice, and a quarter where bands are needed; sweeps then bring the rest (temporal/blocks.py).
+    A sequence that fits into the job's memory is one chunk: that is the least work, and exact. Otherwise the halo
+    follows the decay formula for a typical confidence but is at most half a chunk, since every frame of it is solved
+    twice, and a quarter where bands are needed; sweeps then bring the rest (temporal/blocks.py).
 
     Args:
         params: of the energy.
-        temporal: the job's section; its own halo or sweeps are taken as they are.
+        temporal: the job's section; its own chunk, halo or sweeps are taken as they are.
         tolerance: share of a change outside that may be missing inside.
         frames: length of the shot.
         extent: of its frames.
     """
     needed = halo_frames(params, TYPICAL_CONFIDENCE, tolerance)
+    chunk = _chunk_length(temporal, needed, frames, extent)
     for share in (2, 4):
-        halo = temporal.halo if temporal.halo is not None else min(needed, max(1, temporal.chunk // share))
-        loaded = min(frames, temporal.chunk + 2 * halo + 2)
+        halo = temporal.halo if temporal.halo is not None else min(needed, max(1, chunk // share))
+        loaded = min(frames, chunk + 2 * halo + 2)
         rows = _affordable_rows(temporal, loaded, extent)
         if rows >= extent.height:
             break
-    sweeps = temporal.sweeps
-    if sweeps is None:
-        sweeps = sweeps_needed(params, WEAKEST_CONFIDENCE, tolerance, halo)
+    joint = _joint_pixels(temporal, frames, extent)
+    sweeps = _sweeps(params, temporal, tolerance, halo, joint > 0)
+    plan = ChunkPlan(chunk, halo, sweeps, row_bands(extent.height, extent.height, 0), joint=joint)
     if rows >= extent.height:
-        everything = Span(0, extent.height)
-        return ChunkPlan(halo, sweeps, (Block(0, everything, everything),), 0, _peak(loaded, extent.height, extent))
+        return replace(plan, peak_bytes=_peak(loaded, extent.height, extent))
     border = min(halo_rows(params, TYPICAL_CONFIDENCE, tolerance), HALO_ROWS)
     reach = max(16, extent.height // REACH_SHARE)
     # Narrower than half of what they only read, bands would cost more time than memory is worth: `plan` tells the peak.
     core = max(rows - 2 * (border + reach), border + reach)
-    rows = core + 2 * (border + reach)
-    return ChunkPlan(halo, sweeps, row_bands(extent.height, core, border), reach, _peak(loaded, rows, extent))
+    bands, peak = row_bands(extent.height, core, border), _peak(loaded, core + 2 * (border + reach), extent)
+    return replace(plan, bands=bands, reach=reach, peak_bytes=peak)
 
 
 def fits_whole(temporal: TemporalInput, frames: int, extent: Extent) -> bool:
-    """Whether a chunk with half its length of halo on both sides fits into the job's memory."""
-    loaded = min(frames, 2 * temporal.chunk + 2)
+    """Whether a chunk of the job's length with half of it as halo on each side, or the whole shot, fits into memory."""
+    loaded = frames if temporal.chunk is None else min(frames, 2 * temporal.chunk + 2)
     return _affordable_rows(temporal, loaded, extent) >= extent.height
+
+
+def _chunk_length(temporal: TemporalInput, needed: int, frames: int, extent: Extent) -> int:
+    """Frames of a chunk: as many as memory allows with halo and border, as far as that is not too few."""
+    if temporal.chunk is not None:
+        return temporal.chunk
+    longest = int(_free(temporal, extent) // block_bytes(1, extent.height, extent.width, extent.matte_share))
+    if longest >= frames:
+        return frames
+    halo = needed if temporal.halo is None else temporal.halo
+    with_halo = longest - 2 - 2 * halo
+    return max(SHORTEST, with_halo, (longest - 2) // 2 if temporal.halo is None else 0)
+
+
+def _sweeps(params: EnergyParams, temporal: TemporalInput, tolerance: float, halo: int, jointly: bool) -> int:
+    """Sweeps after the first; whole rounds if there are joint ones."""
+    if not jointly:
+        needed = sweeps_needed(params, WEAKEST_CONFIDENCE, tolerance, halo)
+        return needed if temporal.sweeps is None else temporal.sweeps
+    return ROUND * ROUNDS if temporal.sweeps is None else ROUND * math.ceil(temporal.sweeps / ROUND)
+
+
+def _joint_pixels(temporal: TemporalInput, frames: int, extent: Extent) -> int:
+    """Matte pixels that a joint task may list beside two masks of the whole sequence; 0 for less than a frame's."""
+    pixels = extent.height * extent.width
+    free = _free(temporal, extent) - 2 * frames * pixels
+    listed = int(free // listed_bytes())
+    return listed if listed >= extent.matte_share * pixels else 0
 
 
 def matte_share(job: Job) -> float:
@@ -133,8 +175,13 @@ def matte_share(job: Job) -> float:
 
 def _affordable_rows(temporal: TemporalInput, frames: int, extent: Extent) -> int:
     """Rows that a task may load."""
-    free = temporal.memory * 1e9 - _peak(0, 0, extent)
+    free = _free(temporal, extent)
     return band_rows(frames, extent.width, extent.matte_share, int(free)) if free > 0 else 0
+
+
+def _free(temporal: TemporalInput, extent: Extent) -> float:
+    """Bytes that a task's lists may take."""
+    return max(0.0, temporal.memory * 1e9 - _peak(0, 0, extent))
 
 
 def _peak(frames: int, rows: int, extent: Extent) -> float:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from yesnt import settings as of
 from yesnt.audit import DONE, states
+from yesnt.chunks import ROUND
 from yesnt.driver import is_done
 from yesnt.evaluations import Evaluations, forecast_evaluations
 from yesnt.graph import Graph, Node
@@ -88,6 +89,7 @@ class Forecast:
     Attributes:
         stages: rows in order.
         evaluations: network evaluations of the decomposition that the run would spend.
+        chunks: of frames that the shot is solved in; 1: whole.
         halo: frames of halo of the solver's chunks.
         sweeps: exchanges between chunks, at most.
         bands: of rows that a chunk is solved in; 1: whole.
@@ -98,6 +100,7 @@ class Forecast:
 
     stages: tuple[StageForecast, ...]
     evaluations: Evaluations
+    chunks: int
     halo: int
     sweeps: int
     bands: int
@@ -124,7 +127,8 @@ def forecast(session: Session) -> Forecast:
     modelled = tuple(f"{term.term}: {term.reason}" for term in _relight_terms(session) if term.modelled)
     spent = forecast_evaluations(session, graph)
     chunks, left_out = plan.chunks, tuple(_left_out(session))
-    return Forecast(rows, spent, chunks.halo, plan.exchanges, len(chunks.bands), left_out, modelled, tuple(warnings))
+    cut = len(plan.exchange.blocks), chunks.halo, plan.exchange.sweeps, len(chunks.bands)
+    return Forecast(rows, spent, *cut, left_out, modelled, tuple(warnings))
 
 
 def _row(session: Session, graph: Graph, stage: str, reasons: list[str]) -> StageForecast:
@@ -150,10 +154,10 @@ def _row(session: Session, graph: Graph, stage: str, reasons: list[str]) -> Stag
 
 
 def _solves(session: Session) -> float:
-    """How often a chunk's pixels are solved: in half the exchanges, and more than once where bands overlap."""
+    """How often a chunk's pixels are solved: about once a round, warm, and more than once where bands overlap."""
     chunks, height = session.chunks, session.job.height
     rows = sum(min(height, len(band.outer) + 2 * chunks.reach) for band in chunks.bands)
-    return (1 + session.plan().exchanges / 2) * rows / height
+    return (1 + session.plan().exchange.sweeps / ROUND) * rows / height
 
 
 def _held(nodes: list[Node]) -> int:
@@ -186,7 +190,7 @@ def _left_out(session: Session) -> list[str]:
         found.append("diffusion: the job brings its own passes")
     if shot.flow.path is not None:
         found.append("optical flow: the job brings its own")
-    if len(session.job.frames) <= shot.temporal.chunk:
+    if session.plan().exchange.sweeps == 0:
         found.append("exchange between chunks: the shot fits into one")
     if shot.background is None:
         found.append("background plate: the light's map is seen instead")

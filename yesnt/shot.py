@@ -77,13 +77,14 @@ class FlowInput(_Part):
 class TemporalInput(_Part):
     """The energy of method.md section 4 and how it is cut into chunks; `knobs` are fields of EnergyParams.
 
-    `memory` is what a worker may hold while it solves, in GB: chunks that need more are solved in bands of rows.
+    `memory` is what a worker may hold while it solves, in GB. A shot that needs no more is solved as one; others are
+    cut into chunks of frames (or of `chunk` frames, if that is given), and these if need be into bands of rows.
     """
 
     enabled: bool = True
     method: Literal["default", "adam"] = "default"
     tolerance: Annotated[float, Field(gt=0, le=1)] = 1e-4
-    chunk: Annotated[int, Field(ge=1, le=4096)] = 16
+    chunk: Annotated[int, Field(ge=1, le=4096)] | None = None
     halo: Annotated[int, Field(ge=0, le=4096)] | None = None
     sweeps: Annotated[int, Field(ge=0, le=256)] | None = None
     robust: bool = True

@@ -5,7 +5,7 @@ Frames are read one at a time and cut to the matte pixels of the block, so that 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,9 +27,14 @@ SETTLED = 0.1
 
 
 def solve(space: Workspace) -> None:
-    """Commits the material of one block after one sweep, or a chunk's whole frames from its bands."""
+    """Commits the material of one block after one sweep, a joint sweep's, or a chunk's whole frames from its bands."""
     if "parts" in space.node.arguments:
         _join(space)
+        return
+    if "joint" in space.node.arguments:
+        from yesnt.joint_task import solve_jointly
+
+        solve_jointly(space)
         return
     window = _window(space)
     value, facts = _value(space, window)
@@ -37,7 +42,7 @@ def solve(space: Workspace) -> None:
     for position in space.node.arguments["block"].core:
         frame = space.job.frames[position]
         if frame in pending:
-            space.commit(frame, {_array(space.node.stage): _dense(space, window, value, frame)}, facts=facts)
+            space.commit(frame, {array_of(space.node.stage): _dense(space, window, value, frame)}, facts=facts)
 
 
 def observed(space: Workspace, frame: int) -> Float32:
@@ -97,23 +102,24 @@ def _value(space: Workspace, window: Window) -> tuple[Float32, dict[str, Any]]:
     """The solved material [2, N] of the window's matte pixels, and what the solver says of itself."""
     arguments, temporal = space.node.arguments, space.job.shot.temporal
     if not temporal.enabled:
-        return _listed(window, lambda frame: observed(space, frame)), {}
+        return listed(window, lambda frame: observed(space, frame)), {}
     if not arguments["now"]:
-        return _solve(space, window, None)
-    now = _listed(window, lambda frame: _known(space, arguments["now"][frame], frame))
+        return solve_window(space, window, None)
+    now = listed(window, lambda frame: known(space, arguments["now"][frame], frame))
     seam = _seam(space, window, now)
     if seam < SETTLED * temporal.tolerance:
         return now, {"seam": seam, "skipped": True}
-    value, facts = _solve(space, window, now)
+    value, facts = solve_window(space, window, now)
     return value, facts | {"seam": min(seam, 1.0)}
 
 
-def _solve(space: Workspace, window: Window, start: Float32 | None) -> tuple[Float32, dict[str, Any]]:
+def solve_window(space: Workspace, window: Window, start: Float32 | None) -> tuple[Float32, dict[str, Any]]:
+    """Solves a window's free pixels from `start` [2, N] (None: from what was observed); value and facts."""
     temporal, params = space.job.shot.temporal, of.energy_params(space.job.shot)
-    data = _listed(window, lambda frame: observed(space, frame))
-    confidence = _listed(window, lambda frame: space.read("trust", "confidence", frame))
-    links = _Links(space, window)
-    geometry = build_geometry(window.matte, _Part(links, 0), _Part(links, 1), window.fixed)
+    data = listed(window, lambda frame: observed(space, frame))
+    confidence = listed(window, lambda frame: space.read("trust", "confidence", frame))
+    links = Links(space, window)
+    geometry = build_geometry(window.matte, Part(links, 0), Part(links, 1), window.fixed)
     lists = BlockLists(geometry, data, confidence, data if start is None else start)
     with space.kernel():
         value, stats = solve_lists(lists, params, SETTLED * temporal.tolerance, temporal.method)
@@ -121,7 +127,7 @@ def _solve(space: Workspace, window: Window, start: Float32 | None) -> tuple[Flo
     return value, facts | ({"cut_links": links.cut} if links.cut else {})
 
 
-def _listed(window: Window, read: Any) -> Float32:
+def listed(window: Window, read: Callable[[int], Float32]) -> Float32:
     """Matte pixels [2, N] of all frames of a window; `read` gives a whole frame [2, H, W].
 
     Raises:
@@ -139,14 +145,15 @@ def _listed(window: Window, read: Any) -> Float32:
     return np.concatenate(parts, axis=1)
 
 
-def _known(space: Workspace, stages: Mapping[int, str], frame: int) -> Float32:
+def known(space: Workspace, stages: Mapping[int, str], frame: int) -> Float32:
     """A frame as sweeps before left it: [2, H, W], 0 in rows of bands that are not asked for."""
     bands: tuple[Block, ...] = space.node.arguments["bands"]
     if len(bands) == 1:
-        return space.read(stages[0], _array(stages[0]), frame)
+        return space.read(stages[0], array_of(stages[0]), frame)
     whole = np.zeros((2, space.job.height, space.job.width), np.float32)
     for index, stage in stages.items():
-        whole[:, bands[index].core.slice] = space.read(stage, stage, frame)
+        rows, values = bands[index].core.slice, space.read(stage, array_of(stage), frame)
+        whole[:, rows] = values[:, rows] if values.shape[1] == space.job.height else values
     return whole
 
 
@@ -161,7 +168,7 @@ def _seam(space: Workspace, window: Window, now: Float32) -> float:
         count = int(matte.sum())
         border = fixed[matte]
         if border.any():
-            before = window.pixels(index, _known(space, then[frame], frame))
+            before = window.pixels(index, known(space, then[frame], frame))
             moved = max(moved, float(np.abs(now[:, first : first + count] - before)[:, border].max()))
         first += count
     return moved
@@ -186,15 +193,15 @@ def _join(space: Workspace) -> None:
         for told in (record.facts for record in records if record is not None):
             for name in {"seam", "gap"} & set(told):
                 facts[name] = max(facts.get(name, 0.0), told[name])
-        space.commit(frame, {"material": _known(space, parts[frame], frame)}, facts=facts)
+        space.commit(frame, {"material": known(space, parts[frame], frame)}, facts=facts)
 
 
-class _Links:
+class Links:
     """Flow [rows, W, 2] and validity [rows, W] of a window, read pair by pair; a pair without flow has validity 0."""
 
     def __init__(self, space: Workspace, window: Window) -> None:
         self._space, self._window = space, window
-        self._limit = space.node.arguments["reach"] if len(space.node.arguments["bands"]) > 1 else np.inf
+        self._limit = space.node.arguments["reach"] or np.inf
         self._index, self._pair = -1, (np.zeros(0, np.float32), np.zeros(0, np.float32))
         self.cut = 0
 
@@ -219,15 +226,16 @@ class _Links:
 
 
 @dataclass(frozen=True)
-class _Part:
+class Part:
     """One half of the links, as `build_geometry` asks for them."""
 
-    links: _Links
+    links: Links
     half: int
 
     def __getitem__(self, index: int) -> Float32:
         return self.links.pair(index)[self.half]
 
 
-def _array(stage: str) -> str:
+def array_of(stage: str) -> str:
+    """The array of the store that a sweep writes."""
     return "material" if stage == "solve" else stage

@@ -8,18 +8,18 @@ the same fields that decide.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
 from typing import Any
 
 from yesnt import settings as of
-from yesnt.blocks import Block, chunk_blocks
-from yesnt.chunks import ChunkPlan
+from yesnt.blocks import Block, Span, chunk_blocks
+from yesnt.chunks import ROUND, ChunkPlan
 from yesnt.decompose.identity import BackendIdentity
 from yesnt.decompose.settings import REUSE_ONLY, keyframe_after
 from yesnt.decompose.window import Window, plan_windows
+from yesnt.exchange import Exchange
 from yesnt.graph import Node
 from yesnt.io.jobfile import frame_path
 from yesnt.io.preview import REEL
@@ -58,7 +58,7 @@ STAGES = {
               ("observed", "spread", "evaluations")),
         Stage("flow", 1, "frame and the next", "two plates", ("flow", "validity")),
         Stage("trust", 2, "chunk with halo", "observed, spread, flow, validity", ("confidence",)),
-        Stage("solve", 2, "chunk with halo, in bands of rows if large", "observed, confidence, flow, validity",
+        Stage("solve", 3, "chunk with halo, in bands of rows if large", "observed, confidence, flow, validity",
               ("material",)),
         Stage("relight", 2, "frame", "plate, G-buffer, proxy, material, light",
               ("base_color", "diffuse", "specular", "shadow")),
@@ -69,8 +69,8 @@ STAGES = {
 """Every stage by name, in order."""
 
 
-PER_CHUNK = ("trust", "solve")
-"""Stages whose nodes hold a chunk of frames."""
+TRUST_CHUNK = 16
+"""Frames of a task that tells trust, where the job does not say."""
 
 
 def stage_of(name: str) -> Stage:
@@ -116,53 +116,22 @@ class ShotPlan:
         return tuple(f for f in self.job.frames[:-1] if f not in self.unlinked)
 
     @cached_property
-    def blocks(self) -> tuple[Block, ...]:
-        """Chunks with their halo, in positions of the sequence."""
-        return chunk_blocks(len(self.job.frames), self.job.shot.temporal.chunk, self.chunks.halo)
+    def exchange(self) -> Exchange:
+        """Which block is solved when."""
+        return Exchange(len(self.job.frames), self.chunks)
 
-    @property
-    def exchanges(self) -> int:
-        """Sweeps after the first solve; none if there is one block only."""
-        return 0 if len(self.blocks) == 1 and self.chunks.whole else self.chunks.sweeps
-
-    def solved(self) -> Iterator[tuple[int, Block, Block]]:
-        """Which block (chunk, band) is solved in which sweep: all in sweep 0, then by turns, as on a chessboard.
-
-        Neighbours that were solved side by side would pass each other by; in turn, half the solves do the same work.
-        """
-        for sweep in range(1 + self.exchanges):
-            for chunk, band in product(self.blocks, self.chunks.bands):
-                if sweep in self.sweeps_of(chunk.index, band.index):
-                    yield sweep, chunk, band
-
-    def sweeps_of(self, chunk: int, band: int) -> tuple[int, ...]:
-        """Sweeps in which a block is solved."""
-        return (0, *(sweep for sweep in range(1, 1 + self.exchanges) if sweep % 2 == (chunk + band) % 2))
-
-    def solve_stage(self, chunk: int, band: int, sweep: int) -> str:
-        """The stage of a solve: the last one of a whole chunk is `solve`; others are `solve.0` or `solve.0.r3`."""
-        if not self.chunks.whole:
-            return f"solve.{sweep}.r{band}"
-        return "solve" if sweep == self.sweeps_of(chunk, band)[-1] else f"solve.{sweep}"
-
-    def _stages_before(self, position: int, bands: tuple[int, ...], sweep: int) -> dict[int, str]:
-        """The stages that hold what was known of a position's bands before a sweep."""
-        chunk = self._chunk_of(position)
-        known = {band: max(k for k in self.sweeps_of(chunk, band) if k < sweep) for band in bands}
-        return {band: self.solve_stage(chunk, band, last) for band, last in known.items()}
-
-    def _chunk_of(self, position: int) -> int:
-        return next(b.index for b in self.blocks if b.core.start <= position < b.core.stop)
+    @cached_property
+    def trusted(self) -> tuple[Block, ...]:
+        """Frames whose trust one task tells: as many as keep all workers busy, whatever the solver's chunks are."""
+        length = self.job.shot.temporal.chunk or TRUST_CHUNK
+        return chunk_blocks(len(self.job.frames), length, OUTLIER_HALO)
 
     def arrays(self) -> dict[str, ArrayForm]:
         """Arrays of the store and the channel that each holds; for bands with their rows."""
         arrays: dict[str, ArrayForm] = {name: name for stage in STAGES.values() for name in stage.arrays}
         for lane in sorted({window.lane for window in self.windows}):
             arrays |= {f"window.{lane}.{name}": name for name in ("observed", "spread")}
-        if self.chunks.whole:
-            return arrays | {f"solve.{sweep}": "material" for sweep in range(self.exchanges)}
-        bands = product(range(1 + self.exchanges), self.chunks.bands)
-        return arrays | {f"solve.{sweep}.r{band.index}": ("material", len(band.core)) for sweep, band in bands}
+        return arrays | self.exchange.arrays()
 
     @cached_property
     def job_digest(self) -> str:
@@ -244,7 +213,7 @@ class ShotPlan:
     def trust(self, block: Block, keys: Keys) -> Node:
         """The data weight of one chunk's frames: confidence, less where a frame contradicts its neighbours."""
         frames = self.job.frames
-        loaded = range(max(0, block.core.start - OUTLIER_HALO), min(len(frames), block.core.stop + OUTLIER_HALO))
+        loaded = range(block.outer.start, block.outer.stop)
         settings = {
             "robust": self.job.shot.temporal.robust,
             "absent": sorted(self.absent & {frames[p] for p in loaded}),
@@ -254,33 +223,57 @@ class ShotPlan:
 
     def solve(self, sweep: int, block: Block, band: Block, keys: Keys) -> Node:
         """One block of the temporal solve; after sweep 0 it takes its neighbours' frames from the sweeps before."""
-        frames, shot, chunks = self.job.frames, self.job.shot, self.chunks
+        frames, exchange, chunks = self.job.frames, self.exchange, self.chunks
         loaded = chunks.loaded(block, len(frames), sweep)
-        last = max((k for k in self.sweeps_of(block.index, band.index) if k < sweep), default=0)
+        last = max((k for k in exchange.solved_in(block.index, band.index) if k < sweep), default=0)
         bands = chunks.touched(band, sweep)
-        now = {frames[p]: self._stages_before(p, bands, sweep) for p in loaded} if sweep else {}
-        then = {frames[p]: self._stages_before(p, bands, last) for p in loaded} if last else {}
-        upstream = [("trust", frames[p]) for p in loaded] + self._material(loaded)
-        upstream += [
-            (stage, frame) for known in (now, then) for frame, held in known.items() for stage in held.values()
-        ]  # fmt: skip
-        settings = {
-            "energy": dataclasses.asdict(of.energy_params(shot)),
-            "temporal": shot.temporal.model_dump(mode="json", include={"enabled", "method", "tolerance"}),
+        now = {frames[p]: exchange.before(p, bands, sweep) for p in loaded} if sweep else {}
+        then = {frames[p]: exchange.before(p, bands, last) for p in loaded} if last else {}
+        settings = self._energy(loaded, sweep) | {
             "block": [block.core.start, block.core.stop, block.outer.start, block.outer.stop],
             "band": None if chunks.whole else [*dataclasses.astuple(band), chunks.reach],
+        }
+        stage = exchange.stage(block.index, band.index, sweep)
+        fields = self._fields(stage, settings, {}, self._solved_from(loaded, now, then), keys)
+        cut = {"bands": chunks.bands, "band": band.index, "reach": chunks.reach}
+        return self._chunk_node(stage, block, loaded, fields, {"now": now, "then": then, **cut})
+
+    def joint(self, sweep: int, keys: Keys) -> Node:
+        """What the exchanges of a round still moved, in all frames at once."""
+        frames, chunks = self.job.frames, self.chunks
+        everything = Span(0, len(frames))
+        bands = tuple(band.index for band in chunks.bands)
+        now, then = (
+            {frames[p]: self.exchange.before(p, bands, k) for p in everything} for k in (sweep, sweep - ROUND + 1)
+        )
+        cut = {"bands": chunks.bands, "reach": chunks.reach, "joint": chunks.joint}
+        settings = self._energy(everything, sweep) | {"joint": chunks.joint, "reach": chunks.reach}
+        stage = self.exchange.stage(0, 0, sweep)
+        fields = self._fields(stage, settings, {}, self._solved_from(everything, now, then), keys)
+        block, loaded = Block(0, everything, everything), range(len(frames))
+        return self._chunk_node(stage, block, loaded, fields, {"now": now, "then": then, **cut})
+
+    def _energy(self, loaded: Iterable[int], sweep: int) -> dict[str, Any]:
+        """Settings of every solve."""
+        shot, frames = self.job.shot, self.job.frames
+        return {
+            "energy": dataclasses.asdict(of.energy_params(shot)),
+            "temporal": shot.temporal.model_dump(mode="json", include={"enabled", "method", "tolerance"}),
             "absent": sorted(self.absent & {frames[p] for p in loaded}),
             "sweep": sweep,
         }
-        stage = self.solve_stage(block.index, band.index, sweep)
-        fields = self._fields(stage, settings, {}, list(dict.fromkeys(upstream)), keys)
-        cut = {"bands": chunks.bands, "band": band.index, "reach": chunks.reach}
-        return self._chunk_node(stage, block, loaded, fields, {"now": now, "then": then, **cut})
+
+    def _solved_from(self, loaded: Iterable[int], *held: Mapping[int, Mapping[int, str]]) -> list[tuple[str, int]]:
+        """All that a solve reads."""
+        positions = list(loaded)
+        upstream = [("trust", self.job.frames[p]) for p in positions] + self._material(positions)
+        upstream += [(stage, frame) for known in held for frame, by_band in known.items() for stage in by_band.values()]
+        return list(dict.fromkeys(upstream))
 
     def join(self, block: Block, keys: Keys) -> Node:
         """The whole frames of a chunk that was solved in bands."""
         frames, bands = self.job.frames, tuple(band.index for band in self.chunks.bands)
-        parts = {frames[p]: self._stages_before(p, bands, 1 + self.exchanges) for p in block.core}
+        parts = {frames[p]: self.exchange.before(p, bands, 1 + self.exchange.sweeps) for p in block.core}
         upstream = [(stage, frame) for frame, held in parts.items() for stage in held.values()]
         fields = self._fields("solve", {"joined": len(bands)}, {}, upstream, keys)
         loaded = range(block.core.start, block.core.stop)
@@ -337,7 +330,7 @@ class ShotPlan:
         needs = tuple(("preview.reel", number) for number in numbers)
         return Node("preview", 0, (self.job.frames[0],), fields, needs, {"reels": numbers})
 
-    def _material(self, loaded: range) -> list[tuple[str, int]]:
+    def _material(self, loaded: Sequence[int]) -> list[tuple[str, int]]:
         """What stages before the solver know of these positions."""
         frames = self.job.frames
         found = [("decompose", frames[p]) for p in loaded if frames[p] not in self.absent]
@@ -396,7 +389,9 @@ class ShotPlan:
         position, kind = self.job.position(frame), stage_of(stage).name
         if kind == "window":
             return (stage, next(w.index for w in self.windows if f"window.{w.lane}" == stage and position in w.span))
-        return (stage, self._chunk_of(position) if kind in PER_CHUNK else position)
+        if kind == "trust":
+            return (stage, next(b.index for b in self.trusted if b.core.start <= position < b.core.stop))
+        return (stage, self.exchange.index_of(stage, position) if kind == "solve" else position)
 
     def _inputs(self, frame: int, **patterns: str | None) -> dict[str, str]:
         return {

@@ -27,7 +27,11 @@ def print_plan(found: Forecast) -> None:
             f"{spent.fixed:,} with all {spent.samples} members on every frame."
         )
     bands = "" if found.bands == 1 else f", {found.bands} bands of rows"
-    print(f"Temporal chunks: halo {found.halo} frames{bands}, at most {found.sweeps} exchange sweeps.")
+    if found.sweeps == 0:
+        print("Temporal solve: all frames at once.")
+    else:
+        chunks = f"{found.chunks} chunks, halo {found.halo} frames{bands}"
+        print(f"Temporal solve: {chunks}, at most {found.sweeps} exchange sweeps.")
     for line in found.modelled:
         print(f"Modelled: {line}.")
     for line in found.left_out:

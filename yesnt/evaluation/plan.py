@@ -290,8 +290,7 @@ class EvalPlan:
             return (stage, 0)
         if stage != "solve":
             return (stage, position)
-        blocks = self.session.plan().blocks
-        return (stage, next(b.index for b in blocks if b.core.start <= position < b.core.stop))
+        return (stage, self.session.plan().exchange.index_of(stage, position))
 
 
 @lru_cache(maxsize=100_000)

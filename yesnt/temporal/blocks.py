@@ -214,8 +214,12 @@ def block_bytes(frames: int, rows: int, width: int, matte_share: float, channels
         matte_share: share of matte pixels in what is loaded.
         channels: channels solved together.
     """
-    listed = BYTES_PER_PIXEL + 4 * 4 * channels  # observed, confidence, start and result of each channel
-    return round(frames * rows * width * (2 + matte_share * listed))  # and two masks
+    return round(frames * rows * width * (2 + matte_share * listed_bytes(channels)))  # and two masks
+
+
+def listed_bytes(channels: int = 2) -> int:
+    """Memory of a solve for each pixel on its lists: geometry, work, and four values of each channel."""
+    return BYTES_PER_PIXEL + 4 * 4 * channels  # observed, confidence, start and result
 
 
 def band_rows(frames: int, width: int, matte_share: float, budget: int, channels: int = 2) -> int:

@@ -1,0 +1,75 @@
+"""How a shot is cut for the solver and in which order its blocks are solved."""
+
+from __future__ import annotations
+
+import pytest
+
+from yesnt.chunks import SHORTEST, Extent, plan_chunks
+from yesnt.exchange import Exchange
+from yesnt.shot import TemporalInput
+from yesnt.temporal import EnergyParams
+
+SMALL, HD = Extent(384, 256), Extent(1080, 1920, 0.4)
+
+
+def plan(frames: int, extent: Extent = SMALL, **temporal):
+    return plan_chunks(EnergyParams(), TemporalInput(**temporal), 1e-4, frames, extent)
+
+
+def test_a_shot_that_fits_into_memory_is_solved_as_one() -> None:
+    found = plan(64)
+    assert (found.chunk, found.whole) == (64, True)
+    assert Exchange(64, found).sweeps == 0
+    assert found.peak_bytes <= 2e9
+
+
+def test_a_longer_shot_is_cut_into_the_longest_chunks_that_fit() -> None:
+    found = plan(2000)
+    assert SHORTEST < found.chunk < 2000
+    assert found.whole
+    assert found.peak_bytes <= 2e9
+    assert plan(2000, memory=4.0).chunk > found.chunk
+    assert plan(64, chunk=16).chunk == 16
+    banded = plan(240, HD)
+    assert banded.chunk == SHORTEST
+    assert not banded.whole
+
+
+def test_joint_sweeps_come_only_where_memory_holds_at_least_a_frame() -> None:
+    assert 0 < plan(64, chunk=16).joint * 182 < 2e9
+    assert plan(240, Extent(2160, 3840, 0.3), memory=1.0).joint == 0
+
+
+@pytest.mark.parametrize(("frames", "extent", "temporal"), [(64, SMALL, {"chunk": 16}), (240, HD, {})])
+def test_every_block_is_solved_first_and_once_a_round(frames: int, extent: Extent, temporal: dict) -> None:
+    found = plan(frames, extent, **temporal)
+    exchange = Exchange(frames, found)
+    assert exchange.sweeps == 6
+    assert exchange.ends_jointly
+    for chunk in exchange.blocks:
+        for band in found.bands:
+            solved = exchange.solved_in(chunk.index, band.index)
+            assert len(solved) == 3
+            assert solved[1] % 3 == (1 if (chunk.index + band.index) % 2 else 2)
+            assert exchange.held_in(chunk.index, band.index)[-1] == 6
+    assert exchange.index_of("solve", frames - 1) == 0, "the last, joint sweep commits all frames"
+    assert exchange.index_of("solve.3", frames - 1) == 0
+    assert exchange.index_of("solve.0" if found.whole else "solve.0.r0", frames - 1) == len(exchange.blocks) - 1
+
+
+def test_neighbours_are_never_solved_in_the_same_sweep() -> None:
+    exchange = Exchange(240, plan(240, HD))
+    for sweep in range(1, 1 + exchange.sweeps):
+        found = {(chunk.index, band.index) for chunk, band in exchange.solved(sweep)}
+        assert all((c + 1, b) not in found and (c, b + 1) not in found for c, b in found)
+        assert bool(found) != exchange.is_joint(sweep)
+
+
+def test_without_room_for_joint_sweeps_two_colours_go_on_by_turns() -> None:
+    found = plan(240, Extent(2160, 3840, 0.3), memory=1.0, sweeps=5)
+    exchange = Exchange(240, found)
+    assert exchange.sweeps == 5
+    assert not exchange.ends_jointly
+    assert exchange.solved_in(0, 0) == (0, 2, 4)
+    assert exchange.solved_in(1, 0) == (0, 1, 3, 5)
+    assert exchange.index_of("solve", 239) == len(exchange.blocks) - 1

@@ -1,0 +1,117 @@
+"""The joint sweep of the temporal solve: what exchanges between blocks still move, in all frames at once.
+
+See temporal/joint.py. Frames are read one at a time, in a few passes: how far pixels moved, which are loose, and their
+lists. What stays in memory is two masks of the sequence and the lists.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yesnt.solve_task import Links, Window, array_of, known, listed, solve_window
+from yesnt.temporal.joint import ChangeCounter, FrameLinks, listed_frames, loose_pixels
+from yesnt.workspace import Workspace
+
+Float32 = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+LOOSE = 0.3
+"""A pixel is loose if the round moved it by more than this share of the tolerance."""
+
+ATTEMPTS = 4
+"""How often the choice is narrowed until the loose pixels and their rim fit into memory."""
+
+
+def solve_jointly(space: Workspace) -> None:
+    """Commits all frames: solved where they were loose, as they were elsewhere."""
+    now: dict[int, dict[int, str]] = space.node.arguments["now"]
+    window, facts = _choose(space)
+    if window is None:
+        _commit(space, facts, lambda _, frame: known(space, now[frame], frame))
+        return
+    start = listed(window, lambda frame: known(space, now[frame], frame))
+    value, solved = solve_window(space, window, start)
+    first = np.concatenate([[0], np.cumsum([mask.sum() for mask in window.matte])])
+
+    def material(index: int, frame: int) -> Float32:
+        whole = known(space, now[frame], frame).copy()
+        whole[:, window.matte[index]] = value[:, first[index] : first[index + 1]]
+        return whole
+
+    _commit(space, facts | solved, material)
+
+
+def _commit(space: Workspace, facts: dict[str, Any], material: Callable[[int, int], Float32]) -> None:
+    pending = set(space.pending())
+    for index, frame in enumerate(space.job.frames):
+        if frame in pending:
+            space.commit(frame, {array_of(space.node.stage): material(index, frame)}, facts=facts)
+
+
+def _choose(space: Workspace) -> tuple[Window | None, dict[str, Any]]:
+    """The window of the loose pixels and their rim, as many as memory allows; None if nothing is loose."""
+    room: int = space.node.arguments["joint"]
+    count, largest = _count(space)
+    facts: dict[str, Any] = {"moved": min(largest, 1.0), "loose": 0}
+    smallest = LOOSE * space.job.shot.temporal.tolerance
+    if not space.job.shot.temporal.enabled or largest <= smallest:
+        return None, facts
+    allowed, choice = room, _Choice(space)
+    for _ in range(ATTEMPTS):
+        threshold = count.threshold(smallest, allowed)
+        window = choice.window(threshold)
+        pixels = int(window.matte.sum())
+        if pixels <= room:
+            free = pixels - int(window.fixed.sum())
+            return (window if free else None), facts | {"loose": free, "threshold": min(threshold, 1.0)}
+        allowed = allowed * room // (2 * pixels)
+    return None, facts
+
+
+def _moved(space: Workspace, frame: int) -> Float32:
+    """How far the round moved a frame, [H, W], the worse of the channels; 0 outside the matte."""
+    now, then = (known(space, space.node.arguments[state][frame], frame) for state in ("now", "then"))
+    change: Float32 = np.abs(now - then).max(axis=0)
+    return np.where(space.matte(frame), change, np.float32(0))
+
+
+def _count(space: Workspace) -> tuple[ChangeCounter, float]:
+    count, largest = ChangeCounter(), 0.0
+    for frame in space.job.frames:
+        change = _moved(space, frame)[space.matte(frame)]
+        count.add(change)
+        largest = max(largest, float(change.max(initial=0.0)))
+    return count, largest
+
+
+@dataclass(frozen=True)
+class _Choice:
+    """Masks of the whole sequence for a threshold."""
+
+    space: Workspace
+
+    def window(self, threshold: float) -> Window:
+        """Free pixels are those that moved by more than the threshold and their surroundings."""
+        space, frames = self.space, self.space.job.frames
+        rows = slice(0, space.job.height)
+        mattes = np.zeros((len(frames), space.job.height, space.job.width), bool)
+        free = np.zeros_like(mattes)
+        for index, frame in enumerate(frames):
+            mattes[index] = space.matte(frame)
+            free[index] = loose_pixels(_moved(space, frame) > threshold, mattes[index])
+        links = Links(space, Window(frames, rows, mattes, mattes))
+
+        def read(index: int) -> FrameLinks:
+            pair = links.pair(index) if index + 1 < len(frames) else (None, None)
+            return FrameLinks(space.matte(frames[index]), *pair)
+
+        # A frame's matte is replaced by its list once the frame has been read: there is room for two masks, not three.
+        for index, found in enumerate(listed_frames(read, lambda t: free[t], len(frames))):
+            mattes[index] = found
+        np.logical_not(free, out=free)
+        return Window(frames, rows, mattes, np.logical_and(mattes, free, out=free))

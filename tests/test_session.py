@@ -231,9 +231,7 @@ def test_frames_that_cannot_be_had_are_left_out_and_all_others_finish(
 
 def test_chunks_with_exchange_give_what_one_chunk_gives(tmp_path: Path, cluster: ClusterSpec) -> None:
     def material(chunk: int) -> np.ndarray:
-        path = write_tiny_shot(
-            tmp_path / f"c{chunk}", 8, temporal={"chunk": chunk, "halo": 3, "sweeps": 24, "knobs": {"lambda2": 0.5}}
-        )
+        path = write_tiny_shot(tmp_path / f"c{chunk}", 8, temporal={"chunk": chunk})
         run(path, cluster, until="solve")
         session = Session(path)
         assert sorted(p.name for p in session.output.store.glob("solve.*")) == [], "sweeps are swept away"

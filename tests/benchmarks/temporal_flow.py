@@ -14,7 +14,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from temporal_lambdas import STRENGTHS, ensemble, errors, load, read
+from temporal_shots import STRENGTHS, ensemble, errors, load, read
 
 from yesnt.temporal import EnergyParams, FlowSettings, flow_validity, solve
 from yesnt.temporal.flow import dense_flow, encode_grey

@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from temporal_shots import STRENGTHS, ensemble, errors, load, read
 
+from yesnt.decompose.confidence import confidence
 from yesnt.temporal import EnergyParams, FlowSettings, flow_validity, solve
 from yesnt.temporal.flow import dense_flow, encode_grey
 
@@ -67,8 +68,8 @@ class Shot:
         """RMSE and flicker over the input's, mean over strengths and channels."""
         ratios = []
         for strength in STRENGTHS:
-            mean, confidence = ensemble(self.truth, strength, 3)
-            value = solve(mean, confidence, flow, validity, EnergyParams(), self.matte, tolerance=1e-3).value
+            mean, std = ensemble(self.truth, strength, 3)
+            value = solve(mean, confidence(std), flow, validity, EnergyParams(), self.matte, tolerance=1e-3).value
             ratios.append(errors(value, self.truth, self.matte) / errors(mean, self.truth, self.matte))
         return np.mean(ratios, axis=(0, 1))
 

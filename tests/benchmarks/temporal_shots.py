@@ -33,7 +33,7 @@ def load(folder):
 
 
 def predicted(folder, work):
-    """Mean and confidence [2, T, H, W] of the embedded model for a shot; kept in `work`, made again for new weights."""
+    """Mean and standard deviation [2, T, H, W] of the embedded model's members; kept in `work`."""
     home = work / folder.name
     home.mkdir(parents=True, exist_ok=True)
     (home / "shot.yaml").write_text(yaml.safe_dump(_elsewhere(folder)))
@@ -48,7 +48,7 @@ def predicted(folder, work):
     mean, spread = (
         np.stack([FrameStore(store).read(name, t) for t in frames], axis=1) for name in ("observed", "spread")
     )
-    return mean, 1 - np.clip(spread / 0.5, 0, 1)
+    return mean, spread
 
 
 def _elsewhere(folder):
@@ -69,8 +69,8 @@ def smooth_noise(rng, shape, radius, strength):
 
 
 def ensemble(truth, strength, seed):
-    """Mean and confidence [2, T, H, W] of noisy members."""
-    rng, mean, confidence = np.random.default_rng(seed), np.zeros_like(truth), np.zeros_like(truth)
+    """Mean and standard deviation [2, T, H, W] of noisy members."""
+    rng, mean, std = np.random.default_rng(seed), np.zeros_like(truth), np.zeros_like(truth)
     for plane in np.ndindex(truth.shape[:2]):
         shared = smooth_noise(rng, truth.shape[2:], 8, 0.6 * strength)
         members = [
@@ -81,8 +81,8 @@ def ensemble(truth, strength, seed):
             for _ in range(MEMBERS)
         ]
         members = np.clip(members, 0, 1)
-        mean[plane], confidence[plane] = members.mean(0), 1 - np.clip(members.std(0) / 0.5, 0, 1)
-    return mean, confidence
+        mean[plane], std[plane] = members.mean(0), members.std(0)
+    return mean, std
 
 
 def errors(value, truth, matte):

@@ -68,7 +68,7 @@ def carry_back(
         flow, validity = link.flow + onward[..., :2], link.validity * onward[..., 2] * seen
     planes, seen = sample_next(np.concatenate([mean, std]).transpose(1, 2, 0), flow, mattes[0], mattes[-1])
     carried = planes.transpose(2, 0, 1)
-    sure = confidence(carried[2:]).min(axis=0) >= settings.reuse_confidence
+    sure = confidence(carried[2:], LARGEST_STD).min(axis=0) >= settings.reuse_confidence
     return Prior(carried[:2], carried[2:], seen & sure & (validity >= settings.reuse_validity))
 
 

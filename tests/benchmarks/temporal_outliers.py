@@ -1,0 +1,92 @@
+"""What corrupted frames cost the clean ones: RMSE on clean frames over that of the uncorrupted solve.
+
+    python tests/benchmarks/temporal_outliers.py SHOT ...
+
+A SHOT holds plate.####.exr and truth/material.####.exr. An ensemble's noise is added to the true materials; then a
+tenth of the frames is replaced by an offset, the inverse, noise, or a shifted picture of themselves. Columns: left as
+they are (plain); weighed by `robust_confidence` (robust); their data term taken out by hand (told); with links of
+doubled weight around what is distrusted, as if the neighbours' warps were composed (bridged: robust, and told).
+"""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+from temporal_shots import ensemble, load
+
+from yesnt.decompose.confidence import confidence
+from yesnt.temporal import EnergyParams, FlowSettings, flow_and_validity, robust_confidence, solve
+
+KINDS = ("offset", "inverted", "noise", "shifted")
+PARAMS = EnergyParams()
+
+
+def corrupt(mean, kind, frames):
+    rng, broken = np.random.default_rng(5), mean.copy()
+    for t in frames:
+        if kind == "offset":
+            broken[:, t] += 0.3
+        elif kind == "inverted":
+            broken[:, t] = 1 - broken[:, t]
+        elif kind == "noise":
+            broken[:, t] = rng.random(broken[:, t].shape)
+        else:
+            broken[:, t] = np.roll(broken[:, t], (23, 31), axis=(1, 2))
+    return broken
+
+
+def bridged(validity, frames):
+    """Links of doubled weight into and out of these frames: in series they are as stiff as one."""
+    links = validity.copy()
+    for t in frames:
+        links[max(0, t - 1) : t + 1] = 2 * validity[max(0, t - 1) : t + 1]
+    return links
+
+
+def main():
+    for folder in map(Path, sys.argv[1:]):
+        plates, matte, truth = load(folder)
+        pairs = [
+            flow_and_validity(plates[t], plates[t + 1], matte[t], matte[t + 1], FlowSettings())
+            for t in range(len(plates) - 1)
+        ]
+        flow, validity = (np.stack(parts) for parts in zip(*pairs, strict=True))
+        count = max(1, round(len(plates) / 10))
+        frames = [(2 * k + 1) * len(plates) // (2 * count) for k in range(count)]
+        clean = np.setdiff1d(np.arange(len(plates)), frames)
+        inside = matte[clean]
+
+        def error(mean, weight, links):
+            value = solve(mean, weight, flow, links, PARAMS, matte, tolerance=1e-4).value  # noqa: B023
+            return np.array([np.sqrt(np.mean((v - t)[clean][inside] ** 2)) for v, t in zip(value, truth, strict=True)])  # noqa: B023
+
+        for strength in (0.02, 0.05):
+            mean, std = ensemble(truth, strength, 2)
+            weight = confidence(std)
+            usual, _ = robust_confidence(mean, weight, flow, validity, matte)
+            base = error(mean, usual, validity)
+            for kind in KINDS:
+                broken = corrupt(mean, kind, frames)
+                robust, report = robust_confidence(broken, weight, flow, validity, matte)
+                told = usual.copy()
+                told[:, frames] = 0
+                found = {
+                    "plain": error(broken, weight, validity),
+                    "robust": error(broken, robust, validity),
+                    "told": error(broken, told, validity),
+                    "robust, bridged": error(broken, robust, bridged(validity, report.frames)),
+                    "told, bridged": error(broken, told, bridged(validity, frames)),
+                }
+                cells = "  ".join(f"{name} {(100 * (v / base - 1)).round(1).tolist()}" for name, v in found.items())
+                print(
+                    folder.name,
+                    strength,
+                    kind,
+                    "named" if list(report.frames) == frames else report.frames,
+                    cells,
+                    flush=True,
+                )
+
+
+if __name__ == "__main__":
+    main()

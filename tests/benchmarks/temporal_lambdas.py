@@ -26,11 +26,11 @@ from yesnt.decompose.confidence import DIVISOR as DIVISOR_USED
 from yesnt.decompose.confidence import confidence
 from yesnt.temporal import EnergyParams, FlowSettings, flow_and_validity, robust_confidence, solve
 
-LAMBDA1, LAMBDA2, DELTA = (0.005, 0.01, 0.02, 0.03, 0.05), (0.5, 1.0, 2.0, 4.0), (0.1, 0.3)
-DIVISOR = (0.5, 1.0, 2.0)
+LAMBDA1, LAMBDA2, DELTA = (0.005, 0.015, 0.03, 0.04), (1.0, 2.0, 4.0), (0.1,)
+DIVISOR = (0.5, 1.0, 1.5, 2.0)
 NAMES = ("lambda1", "lambda2", "delta", "divisor")
 NOISE = 0.05
-COLOURS = ("#4e79a7", "#59a14f", "#f28e2b", "#e15759")
+COLOURS = ("#4e79a7", "#59a14f", "#e15759")
 PREDICTED = "predicted"
 
 

@@ -259,19 +259,26 @@ def test_predicted_memory_is_what_a_block_takes():
 import re
 from pathlib import Path
 import numpy as np
-from yesnt.temporal import Border, EnergyParams, block_bytes, border_mask, solve_block
+from yesnt.temporal import BlockLists, EnergyParams, block_bytes, solve_lists
+from yesnt.temporal.geometry import build_geometry
 
 def peak():  # not ru_maxrss, which a child inherits from the process that started it
     return 1024 * int(re.search(r"VmHWM:\\s*(\\d+)", Path("/proc/self/status").read_text())[1])
 
+class Repeated:  # flow and validity are read frame by frame
+    def __init__(self, frame):
+        self.frame = frame
+
+    def __getitem__(self, index):
+        return self.frame
+
 def run(frames, rows, width):
-    rng, shape = np.random.default_rng(0), (frames, rows, width)
-    observed = rng.random((2, *shape), dtype=np.float32)
-    matte = np.zeros(shape, bool)
+    rng, matte = np.random.default_rng(0), np.zeros((frames, rows, width), bool)
     matte[:, :, : width // 3] = True
-    flow = np.full((frames - 1, rows, width, 2), 0.3, np.float32)
-    border = Border(observed.copy(), border_mask(shape, (1, 1)))
-    solve_block(observed, np.ones_like(observed), flow, np.ones_like(flow[..., 0]), EnergyParams(), matte, border, 1e-2)
+    flow = np.full((rows, width, 2), 0.3, np.float32)
+    geometry = build_geometry(matte, Repeated(flow), Repeated(flow[..., 0] + 1), np.zeros_like(matte))
+    observed = rng.random((2, geometry.pixels), dtype=np.float32)
+    solve_lists(BlockLists(geometry, observed, np.ones_like(observed), observed), EnergyParams(), 1e-2)
 
 run(3, 16, 30)
 before = peak()

@@ -126,31 +126,42 @@ def frame_trust(
     settings = settings or OutlierSettings()
     tracks = Tracks(read, length)
     residuals: dict[int, Single] = {}
-    medians: dict[int, NDArray[np.float64]] = {}
+    levels: dict[int, NDArray[np.float64]] = {}
     for t in range(length + WINDOW):
         if t < length:
             residuals[t] = tracks.residual(t)
-            medians[t] = np.median(residuals[t], axis=1) if residuals[t].size else np.zeros(len(residuals[t]))
+            levels[t] = _levels(residuals[t])
         done = t - WINDOW
         if done >= 0:
-            window = [medians[k] for k in range(max(0, done - WINDOW), min(length, done + WINDOW + 1))]
+            window = [levels[k] for k in range(max(0, done - WINDOW), min(length, done + WINDOW + 1))]
             usual = np.maximum(np.median(window, axis=0), settings.usual_floor)
-            yield _trust(residuals.pop(done), tracks.mattes.pop(done), usual, medians[done], settings)
+            yield _trust(residuals.pop(done), tracks.mattes.pop(done), usual, levels[done][0], settings)
+
+
+def _levels(residual: Single) -> NDArray[np.float64]:
+    """Median and mean over the pixels of a frame's residuals [C, n]: [2, C]."""
+    if residual.size == 0:
+        return np.zeros((2, len(residual)))
+    return np.stack([np.median(residual, axis=1), np.mean(residual, axis=1, dtype=np.float64)])
 
 
 def _trust(
     residual: Single, matte: Mask, usual: NDArray[np.float64], median: NDArray[np.float64], settings: OutlierSettings
 ) -> FrameTrust:
-    """Trust of a frame from its residuals [C, n]; `usual` and `median` are [C]."""
+    """Trust of a frame from its residuals [C, n]; `usual` is [2, C] as in `_levels`, `median` [C].
+
+    A region is measured against the usual mean: where a class flips here and there from frame to frame (metal), the
+    median is 0 and every flip would count as an outlier, so that the minority, right or wrong, would lose its vote.
+    """
     weight = np.ones((len(residual), *matte.shape), np.float32)
     for channel, part in enumerate(residual):
         dense = np.zeros(matte.shape, np.float32)
         dense[matte] = part
-        ratio = median[channel] / usual[channel]
-        local = np.maximum(box_mean(dense, matte, settings.region) / usual[channel], ratio)
+        ratio = median[channel] / usual[0, channel]
+        local = np.maximum(box_mean(dense, matte, settings.region) / usual[:, channel].max(), ratio)
         weight[channel] = np.minimum(1.0, (settings.limit / np.maximum(local, settings.limit)) ** 4)
     low = weight[:, matte] < 0.5
-    return FrameTrust(weight, float(np.max(median / usual)), float(low.mean(axis=1).max()) if low.size else 0.0)
+    return FrameTrust(weight, float(np.max(median / usual[0])), float(low.mean(axis=1).max()) if low.size else 0.0)
 
 
 def consistent_members(

@@ -18,6 +18,7 @@ from yesnt.io.jobfile import frame_path, frames_on_disk, load_shot, parse_frames
 from yesnt.io.mesh import read_mesh
 from yesnt.io.output import OutputFolder
 from yesnt.shot import Job, Shot
+from yesnt.temporal.flow import LEARNED
 
 READERS = 2
 """Pictures that are decoded side by side while checking; memory is bounded by it."""
@@ -132,6 +133,12 @@ def _check_knobs(shot: Shot) -> None:
     )  # fmt: skip
     for check in checks:
         check(shot)
+    learned = shot.flow.path is None and of.flow_settings(shot).method in LEARNED
+    if learned != (shot.flow.weights is not None):
+        raise JobError(
+            "A learned flow and its weights belong together", "key flow",
+            f"`weights` and `knobs: {{method: {LEARNED[0]}}}`, or neither", "add the other, or remove the one",
+        )  # fmt: skip
 
 
 def _sequences(shot: Shot) -> Iterable[str]:
@@ -151,6 +158,8 @@ def _input_files(job: Job) -> Iterable[Path]:
         yield from (frame_path(job.root, pattern, frame) for frame in job.frames)
     if shot.flow.path:  # the last frame's flow leads out of the shot
         yield from (frame_path(job.root, shot.flow.path, frame) for frame in job.frames[:-1])
+    if shot.flow.weights:
+        yield frame_path(job.root, shot.flow.weights, 0)
     yield frame_path(job.root, shot.camera, 0)
     for light in (shot.light, shot.capture_light):
         if light is not None:

@@ -68,9 +68,13 @@ class DecomposeInput(_Part):
 
 
 class FlowInput(_Part):
-    """Optical flow: a method with its knobs, or a precomputed sequence with channels forward.u, forward.v."""
+    """Optical flow: a method with its knobs, or a precomputed sequence with channels forward.u, forward.v.
+
+    `weights` is the file of a learned method.
+    """
 
     path: str | None = None
+    weights: str | None = None
     knobs: dict[str, Knob] = Field(default_factory=dict)
 
 

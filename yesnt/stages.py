@@ -205,7 +205,7 @@ class ShotPlan:
         """Flow of one frame to the next, and where it can be trusted."""
         shot = self.job.shot
         after = self.job.frames[self.job.position(frame) + 1]
-        inputs = self._inputs(frame, plate=shot.plate.path, flow=shot.flow.path)
+        inputs = self._inputs(frame, plate=shot.plate.path, flow=shot.flow.path, weights=shot.flow.weights)
         inputs |= self._inputs(after, next_plate=shot.plate.path)
         settings = {"flow": dataclasses.asdict(of.flow_settings(shot)), "colorspace": shot.plate.colorspace}
         return self._node("flow", frame, settings, inputs)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from yesnt.workspace import Workspace
 
 if TYPE_CHECKING:
     from yesnt.relight import EnvMap
+    from yesnt.temporal.flow import Matcher
 
 Float32 = NDArray[np.float32]
 
@@ -74,7 +76,8 @@ def flow(space: Workspace) -> None:
             validity = flow_validity(vectors, None, now.color, then.color, *inside, settings)
     else:
         with space.kernel():
-            vectors, validity = flow_and_validity(now.color, then.color, now.matte, then.matte, settings)
+            match = None if job.shot.flow.weights is None else _matcher(job, space.node.fields["inputs"]["weights"])
+            vectors, validity = flow_and_validity(now.color, then.color, now.matte, then.matte, settings, match)
     facts = {"reach": min(vertical_reach(vectors, validity * (now.matte > 0.5)), job.height)}
     space.commit(frame, {"flow": vectors.transpose(2, 0, 1), "validity": validity[None]}, facts=facts)
 
@@ -202,6 +205,22 @@ def _proxy(job: Job, frame: int) -> Any:
 
     mesh = read_mesh(frame_path(job.root, job.shot.proxy.path, frame))
     return ProxyScene.from_arrays(mesh.vertices, mesh.faces)
+
+
+def _matcher(job: Job, digest: str) -> Matcher:
+    """The learned flow that a job names."""
+    assert job.shot.flow.weights is not None
+    return _spynet(str(frame_path(job.root, job.shot.flow.weights, 0)), digest)
+
+
+@lru_cache(maxsize=1)
+def _spynet(path: str, digest: str) -> Matcher:
+    """A network stays in the worker; the digest of its weights is part of what it is remembered by."""
+    from yesnt.decompose.threads import one_thread
+    from yesnt.temporal.spynet import open_spynet
+
+    del digest
+    return one_thread()(open_spynet(Path(path)).__call__)
 
 
 @lru_cache(maxsize=4)

@@ -1,5 +1,7 @@
 """Flow: its sign, its methods, what fills the background, and when it is trusted."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -141,6 +143,39 @@ def test_spynet_adds_up_its_levels_and_says_what_is_absent():
     del state["basic_module.3.basic_module.4.bias"]
     with pytest.raises(MissingPartError, match=r"basic_module\.3\.basic_module\.4"):
         SpyNet(state)
+
+
+def test_weights_are_read_as_tensors_and_a_pickle_is_never_run(tmp_path):
+    import pickle
+
+    import torch
+    from safetensors.torch import save_file
+
+    from yesnt.errors import JobError
+    from yesnt.temporal.spynet import open_spynet
+
+    picture, state = np.zeros((64, 64, 3), np.uint8), spynet_state(0.5)
+    torch.save({"state_dict": state}, tmp_path / "a.pth")
+    save_file(state, tmp_path / "a.safetensors")
+    expected = open_spynet(tmp_path / "a.pth")(picture, picture)
+    np.testing.assert_array_equal(open_spynet(tmp_path / "a.safetensors")(picture, picture), expected)
+
+    class Trap:
+        def __reduce__(self):
+            return Path.touch, (tmp_path / "was run",)
+
+    (tmp_path / "trap.pth").write_bytes(pickle.dumps(Trap(), protocol=2))
+    with pytest.raises(JobError, match="cannot be read"):
+        open_spynet(tmp_path / "trap.pth")
+    assert not (tmp_path / "was run").exists()
+
+
+def test_a_learned_method_without_weights_is_refused():
+    from yesnt.errors import JobError
+
+    frames, mattes = moving_disc()
+    with pytest.raises(JobError, match="needs weights"):
+        flow_and_validity(*frames, *mattes, FlowSettings("spynet"))
 
 
 def test_any_function_of_two_pictures_serves_as_flow():

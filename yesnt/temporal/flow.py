@@ -14,12 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.color import luminance, srgb_encode
+from yesnt.errors import JobError
 from yesnt.temporal.geometry import build_geometry
 
 Single = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Matcher = Callable[[NDArray[np.uint8], NDArray[np.uint8]], Single]
-FlowMethod = Literal["dis-fast", "dis-medium", "dis-quality", "deepflow"]
+FlowMethod = Literal["dis-fast", "dis-medium", "dis-quality", "deepflow", "spynet"]
+
+LEARNED: tuple[FlowMethod, ...] = ("spynet",)
+"""Methods that need weights."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +32,7 @@ class FlowSettings:
 
     Attributes:
         method: cheapest first: dis-fast, dis-medium, dis-quality (finest scale 0, 25 gradient steps, 10 variational
-            iterations), deepflow.
+            iterations), deepflow; spynet, a learned flow whose weights the caller loads and passes as `match`.
         relative: how much of |f|^2 + |b|^2 the squared forward-backward error may be.
         absolute: plus this much, pixels^2. method.md's own pair is (0.01, 0.5): it rejects much good flow.
         photometric: sRGB difference at which validity falls to 1/e; infinite: colour is not compared and validity is
@@ -64,6 +68,13 @@ def flow_and_validity(
         flow [H, W, 2] float32 pixels (dx, dy), and validity [H, W] float32 in [0, 1], 0 outside the matte.
     """
     mask_t, mask_t1 = np.asarray(matte_t) > 0.5, np.asarray(matte_t1) > 0.5
+    if match is None and settings.method in LEARNED:
+        raise JobError(
+            f"The flow {settings.method} needs weights",
+            "flow.weights",
+            "a file of weights",
+            "name one, or another method",
+        )
     if match is None:
         now, following = encode_grey(rgb_t, mask_t), encode_grey(rgb_t1, mask_t1)
         forward = dense_flow(now, following, settings.method)

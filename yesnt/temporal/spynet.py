@@ -6,13 +6,15 @@ with a prefix. Any other network serves as well: `flow_and_validity` takes every
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.errors import MissingPartError
+from yesnt.errors import JobError, MissingPartError
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -23,6 +25,29 @@ LAYERS = (0, 2, 4, 6, 8)
 
 MEAN, STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 """Normalisation of sRGB in [0, 1] that the network was trained with (ImageNet's)."""
+
+
+def open_spynet(path: Path) -> SpyNet:
+    """SPyNet with the weights of a file: .safetensors, or a PyTorch checkpoint, of which tensors only are read.
+
+    Raises:
+        JobError: the file is not readable as tensors (a pickle that holds anything else is never run).
+        MissingPartError: the weights of a layer are absent.
+    """
+    import torch
+
+    try:
+        if path.suffix == ".safetensors":
+            from safetensors.torch import load_file
+
+            return SpyNet(load_file(path))
+        found = torch.load(path, map_location="cpu", weights_only=True)
+    except (OSError, pickle.UnpicklingError, RuntimeError, ValueError) as error:
+        raise JobError(
+            f"The flow's weights cannot be read ({type(error).__name__})", str(path),
+            "a .safetensors file, or a PyTorch checkpoint that holds tensors only", "convert the file, or choose another",
+        ) from error  # fmt: skip
+    return SpyNet(found.get("state_dict", found))
 
 
 class SpyNet:

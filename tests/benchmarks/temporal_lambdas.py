@@ -27,7 +27,7 @@ from yesnt.decompose.confidence import confidence
 from yesnt.temporal import EnergyParams, FlowSettings, flow_and_validity, robust_confidence, solve
 
 LAMBDA1, LAMBDA2, DELTA = (0.005, 0.015, 0.03, 0.04), (1.0, 2.0, 4.0), (0.1,)
-DIVISOR = (0.5, 1.0, 1.5, 2.0)
+DIVISOR = (0.5, 1.0, 1.5)
 NAMES = ("lambda1", "lambda2", "delta", "divisor")
 NOISE = 0.05
 COLOURS = ("#4e79a7", "#59a14f", "#e15759")

@@ -25,6 +25,9 @@ Mask = NDArray[np.bool_]
 WINDOW = 4
 """Frames on each side whose residuals tell what is usual."""
 
+MEDIAN_OF_MEAN = 0.845
+"""Median over mean of the absolute value of a normal variable."""
+
 OUTLIER_HALO = REACH + WINDOW
 """Halo with which a block gives the same confidence as the whole sequence."""
 
@@ -139,10 +142,10 @@ def frame_trust(
 
 
 def _levels(residual: Single) -> NDArray[np.float64]:
-    """Median and mean over the pixels of a frame's residuals [C, n]: [2, C]."""
+    """Median and mean over the pixels of a frame's residuals [C, n], the mean as the median of normal ones: [2, C]."""
     if residual.size == 0:
         return np.zeros((2, len(residual)))
-    return np.stack([np.median(residual, axis=1), np.mean(residual, axis=1, dtype=np.float64)])
+    return np.stack([np.median(residual, axis=1), MEDIAN_OF_MEAN * np.mean(residual, axis=1, dtype=np.float64)])
 
 
 def _trust(

@@ -45,7 +45,7 @@ def open_spynet(path: Path) -> SpyNet:
     except (OSError, pickle.UnpicklingError, RuntimeError, ValueError) as error:
         raise JobError(
             f"The flow's weights cannot be read ({type(error).__name__})", str(path),
-            "a .safetensors file, or a PyTorch checkpoint that holds tensors only", "convert the file, or choose another",
+            "a .safetensors file, or a PyTorch checkpoint that holds tensors only", "convert it, or choose another",
         ) from error  # fmt: skip
     return SpyNet(found.get("state_dict", found))
 

@@ -6,14 +6,13 @@ lists. What stays in memory is two masks of the sequence and the lists.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.solve_task import Links, Window, array_of, known, listed, solve_window
+from yesnt.solve_task import Links, Window, array_of, keep, known, listed, solve_window
 from yesnt.temporal.joint import ChangeCounter, FrameLinks, listed_frames, loose_pixels
 from yesnt.workspace import Workspace
 
@@ -32,25 +31,23 @@ def solve_jointly(space: Workspace) -> None:
     now: dict[int, dict[int, str]] = space.node.arguments["now"]
     window, facts = _choose(space)
     if window is None:
-        _commit(space, facts, lambda _, frame: known(space, now[frame], frame))
+        for frame in space.pending():
+            keep(space, frame, facts, None)
         return
     start = listed(window, lambda frame: known(space, now[frame], frame))
     value, solved = solve_window(space, window, start)
     first = np.concatenate([[0], np.cumsum([mask.sum() for mask in window.matte])])
 
-    def material(index: int, frame: int) -> Float32:
-        whole = known(space, now[frame], frame).copy()
-        whole[:, window.matte[index]] = value[:, first[index] : first[index + 1]]
-        return whole
-
-    _commit(space, facts | solved, material)
-
-
-def _commit(space: Workspace, facts: dict[str, Any], material: Callable[[int, int], Float32]) -> None:
     pending = set(space.pending())
     for index, frame in enumerate(space.job.frames):
-        if frame in pending:
-            space.commit(frame, {array_of(space.node.stage): material(index, frame)}, facts=facts)
+        if frame not in pending:
+            continue
+        if window.fixed[index][window.matte[index]].all():
+            keep(space, frame, facts | solved, None)
+            continue
+        whole = known(space, now[frame], frame).copy()
+        whole[:, window.matte[index]] = value[:, first[index] : first[index + 1]]
+        space.commit(frame, {array_of(space.node.stage): whole}, facts=facts | solved)
 
 
 def _choose(space: Workspace) -> tuple[Window | None, dict[str, Any]]:

@@ -41,8 +41,24 @@ def solve(space: Workspace) -> None:
     pending = set(space.pending())
     for position in space.node.arguments["block"].core:
         frame = space.job.frames[position]
-        if frame in pending:
+        if frame not in pending:
+            continue
+        if value is None:
+            keep(space, frame, facts, space.node.arguments["band"])
+        else:
             space.commit(frame, {array_of(space.node.stage): _dense(space, window, value, frame)}, facts=facts)
+
+
+def keep(space: Workspace, frame: int, facts: dict[str, Any], band: int | None) -> None:
+    """Commits a frame (of a band; None: whole) as the sweep before left it, by a second name where the forms agree."""
+    bands: tuple[Block, ...] = space.node.arguments["bands"]
+    held, array = space.node.arguments["now"][frame], array_of(space.node.stage)
+    if len(bands) == 1 or (band is not None and ".r" in held[band]):
+        stage = held[band or 0]
+        space.carry(frame, array, (stage, array_of(stage)), facts)
+        return
+    rows = slice(None) if band is None else bands[band].core.slice
+    space.commit(frame, {array: known(space, held, frame)[:, rows]}, facts=facts)
 
 
 def observed(space: Workspace, frame: int) -> Float32:
@@ -98,8 +114,8 @@ def _reach(space: Workspace, frames: tuple[int, ...]) -> int:
     return min(limit, max((limit if r is None else int(r.facts.get("reach", limit)) for r in records), default=0))
 
 
-def _value(space: Workspace, window: Window) -> tuple[Float32, dict[str, Any]]:
-    """The solved material [2, N] of the window's matte pixels, and what the solver says of itself."""
+def _value(space: Workspace, window: Window) -> tuple[Float32 | None, dict[str, Any]]:
+    """The solved material [2, N] of the window's matte pixels, or None for a block at rest, and facts."""
     arguments, temporal = space.node.arguments, space.job.shot.temporal
     if not temporal.enabled:
         return listed(window, lambda frame: observed(space, frame)), {}
@@ -108,7 +124,7 @@ def _value(space: Workspace, window: Window) -> tuple[Float32, dict[str, Any]]:
     now = listed(window, lambda frame: known(space, arguments["now"][frame], frame))
     seam = _seam(space, window, now)
     if seam < SETTLED * temporal.tolerance:
-        return now, {"seam": seam, "skipped": True}
+        return None, {"seam": seam, "skipped": True}
     value, facts = solve_window(space, window, now)
     return value, facts | {"seam": min(seam, 1.0)}
 

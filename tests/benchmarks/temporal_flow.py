@@ -1,14 +1,14 @@
-"""Flow methods and validity thresholds on a shot with true flow and materials.
+"""Flow methods on shots with true flow and materials; thresholds of validity are temporal_validity.py's.
 
-    python tests/benchmarks/temporal_flow.py SHOT_FOLDER
+    python tests/benchmarks/temporal_flow.py SHOT ... [--weights SPYNET_FILE]
 
-SHOT_FOLDER as for temporal_lambdas.py, with truth/flow.####.exr (forward.u, forward.v) and gbuffer.####.exr (depth.Z).
-First table: seconds a pair in both directions, end-point error off occlusions (all, and within 4 pixels of the matte's
-edge), RMSE and flicker after the solve over the noisy input's. Second: what each validity rejects, against true
-occlusion (the point is hidden in the next frame by something 4 cm nearer) and against flow that is off by a pixel.
+A SHOT holds plate.####.exr, gbuffer.####.exr (depth.Z), truth/material.####.exr and truth/flow.####.exr (forward.u,
+forward.v). For each method: processor seconds a pair in both directions, end-point error where the point is seen in the
+next frame (all, and within 4 pixels of the matte's edge), RMSE and RMSE of the frame-to-frame difference after the
+solve of noisy true materials, over the noisy input's. With weights the learned flow is among them.
 """
 
-import sys
+import argparse
 import time
 from pathlib import Path
 
@@ -18,16 +18,10 @@ from temporal_shots import STRENGTHS, ensemble, errors, load, read
 
 from yesnt.decompose.confidence import confidence
 from yesnt.temporal import EnergyParams, FlowSettings, flow_validity, solve
-from yesnt.temporal.flow import dense_flow, encode_grey
+from yesnt.temporal.flow import dense_flow, encode_colour, encode_grey
+from yesnt.temporal.spynet import open_spynet
 
 METHODS = ("dis-fast", "dis-medium", "dis-quality", "deepflow")
-RULES = {
-    "forward-backward 0.01, 0.5 (method.md)": FlowSettings(relative=0.01, absolute=0.5, photometric=np.inf),
-    "forward-backward 0.05, 2": FlowSettings(photometric=np.inf),
-    "colour 0.1": FlowSettings(relative=1e6, absolute=1e6),
-    "both, colour 0.1": FlowSettings(photometric=0.1),
-    "both, colour 0.05 (default)": FlowSettings(),
-}
 
 
 def occluded(depth, next_depth, flow, matte, next_matte):
@@ -52,13 +46,14 @@ class Shot:
         mattes = [(self.matte[t], self.matte[t + 1]) for t in self.pairs]
         self.hidden = [occluded(depth[t], depth[t + 1], self.flow[t], *mattes[t]) for t in self.pairs]
 
-    def flows(self, method):
-        grey = [encode_grey(plate, matte) for plate, matte in zip(self.plates, self.matte, strict=True)]
-        started = time.perf_counter()
-        both = [
-            (dense_flow(grey[t], grey[t + 1], method), dense_flow(grey[t + 1], grey[t], method)) for t in self.pairs
-        ]
-        return both, (time.perf_counter() - started) / len(both)
+    def flows(self, method, learned=None):
+        """Flow there and back of each pair, and processor seconds a pair."""
+        encode = encode_grey if learned is None else encode_colour
+        pictures = [encode(plate, matte) for plate, matte in zip(self.plates, self.matte, strict=True)]
+        match = learned or (lambda one, other: dense_flow(one, other, method))
+        started = time.process_time()
+        both = [(match(pictures[t], pictures[t + 1]), match(pictures[t + 1], pictures[t])) for t in self.pairs]
+        return both, (time.process_time() - started) / len(both)
 
     def validity(self, both, settings):
         pair = [(self.plates[t], self.plates[t + 1], self.matte[t], self.matte[t + 1]) for t in self.pairs]
@@ -75,37 +70,31 @@ class Shot:
 
 
 def main():
-    shot = Shot(Path(sys.argv[1]))
-    still = np.zeros_like(shot.flow)
-    print("method         s/pair    EPE  edge EPE   RMSE  flicker")
-    for method in METHODS:
-        both, seconds = shot.flows(method)
-        error = [np.linalg.norm(both[t][0] - shot.flow[t], axis=-1) for t in shot.pairs]
-        seen = [shot.matte[t] & ~shot.hidden[t] for t in shot.pairs]
-        edge = [s & ~cv2.erode(m.astype(np.uint8), np.ones((9, 9))).astype(bool) for s, m in zip(seen, shot.matte)]  # noqa: B905
-        means = [np.mean([e[s].mean() for e, s in zip(error, where, strict=True)]) for where in (seen, edge)]
-        flow = np.stack([forward for forward, _ in both])
-        rmse, flicker = shot.after(flow, shot.validity(both, FlowSettings()))
-        print(f"{method:12s} {seconds:8.3f} {means[0]:6.3f} {means[1]:9.3f}  x{rmse:.3f}   x{flicker:.3f}", flush=True)
-    for name, flow in (("true flow", shot.flow), ("no motion", still)):
-        rmse, flicker = shot.after(flow, shot.validity([(f, None) for f in flow], FlowSettings()))
-        print(f"{name:37s}  x{rmse:.3f}   x{flicker:.3f}", flush=True)
-    both, _ = shot.flows("dis-quality")
-    flow, inside = np.stack([forward for forward, _ in both]), shot.matte[:-1]
-    hidden, wrong = np.stack(shot.hidden), inside & (np.linalg.norm(flow - shot.flow, axis=-1) > 1)
-    print("\nvalidity of dis-quality               rejects   occlusion: recall precision   off by 1: recall precision")
-    for name, settings in RULES.items():
-        validity = shot.validity(both, settings)
-        rejected = inside & (validity < 0.5)
-        cells = [
-            f"{(rejected & bad).sum() / bad.sum():8.2f} {(rejected & bad).sum() / rejected.sum():8.2f}"
-            for bad in (hidden, wrong | hidden)
-        ]
-        rmse, flicker = shot.after(flow, validity)
-        print(
-            f"{name:38s} {rejected.sum() / inside.sum():6.3f}  {'     '.join(cells)}   x{rmse:.3f} x{flicker:.3f}",
-            flush=True,
-        )
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("shots", type=Path, nargs="+")
+    parser.add_argument("--weights", type=Path)
+    options = parser.parse_args()
+    cv2.setNumThreads(1)
+    for folder in options.shots:
+        shot = Shot(folder)
+        print(f"{folder.name:14s} s/pair    EPE  edge EPE   RMSE  difference")
+        for method in METHODS:
+            report(shot, method, *shot.flows(method))
+        if options.weights is not None:
+            report(shot, "spynet", *shot.flows("spynet", open_spynet(options.weights)))
+        for name, flow in (("true flow", shot.flow), ("no motion", np.zeros_like(shot.flow))):
+            rmse, difference = shot.after(flow, shot.validity([(f, None) for f in flow], FlowSettings()))
+            print(f"{name:37s}  x{rmse:.3f}   x{difference:.3f}", flush=True)
+
+
+def report(shot, name, both, seconds):
+    error = [np.linalg.norm(both[t][0] - shot.flow[t], axis=-1) for t in shot.pairs]
+    seen = [shot.matte[t] & ~shot.hidden[t] for t in shot.pairs]
+    edges = [cv2.erode(matte.astype(np.uint8), np.ones((9, 9))) == 0 for matte in shot.matte[:-1]]
+    near = [s & edge for s, edge in zip(seen, edges, strict=True)]
+    means = [np.mean([e[s].mean() for e, s in zip(error, where, strict=True)]) for where in (seen, near)]
+    rmse, difference = shot.after(np.stack([f for f, _ in both]), shot.validity(both, FlowSettings()))
+    print(f"{name:12s} {seconds:8.3f} {means[0]:6.3f} {means[1]:9.3f}  x{rmse:.3f}   x{difference:.3f}", flush=True)
 
 
 if __name__ == "__main__":

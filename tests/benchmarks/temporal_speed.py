@@ -187,21 +187,27 @@ def fused(problem, minimum, rate):
     show(f"Adam, our kernels, rate {rate}, true", reached)
 
 
-def length_scaling(height=96, width=128):
-    costs = []
+def length_scaling(height=96, width=128, longest=256):
+    """Cost of a matte pixel of a frame by length: windows of one long sequence, so that only the length differs."""
+    problem, costs = moving_pattern(longest, height, width, speed=0.2), []
     for frames in (16, 32, 64, 128, 256):
-        problem = moving_pattern(frames, height, width, speed=0.2)
-        runs = []
-        for _ in range(3):
-            started = time.process_time()
-            best = solve(*problem.arguments).stats
-            runs.append(time.process_time() - started)
-        cost = min(runs) / best.pixels
-        costs.append(cost)
+        count = min(4, longest // frames)
+        starts = [(longest - frames) * k // max(1, count - 1) for k in range(count)]
+        seconds, pixels, products = 0.0, 0, []
+        for start in starts:
+            part = problem.cut(slice(start, start + frames))
+            runs = []
+            for _ in range(2):
+                started = time.process_time()
+                found = solve(*part).stats
+                runs.append(time.process_time() - started)
+            seconds, pixels = seconds + min(runs), pixels + found.pixels
+            products.append(found.inner_iterations)
+        costs.append(seconds / pixels)
         print(
-            f"{frames:4d} frames {best.pixels:9d} pixels {best.inner_iterations:4d} products {1e9 * cost:6.0f} ns/pixel"
+            f"{frames:4d} frames, products {products}, {1e9 * costs[-1]:6.0f} ns a matte pixel of a frame", flush=True
         )
-    print(f"smallest / largest {min(costs) / max(costs):.2f}; over 16 frames', ", end="")
+    print(f"largest over smallest {max(costs) / min(costs):.3f}; over 16 frames', ", end="")
     print(f"{min(costs) / costs[0]:.2f} .. {max(costs) / costs[0]:.2f}")
 
 

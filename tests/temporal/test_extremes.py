@@ -100,7 +100,15 @@ def test_eps_of_1e_12_is_total_variation_proper():
 
 
 def test_a_single_member_has_confidence_one_and_is_solved_like_any_other():
-    assert solve(**arguments(confidence=np.ones((3, 5, 6), np.float32))).stats.converged
+    """K = 1: a standard deviation of 0 everywhere, which says nothing; the weight is 1, not undefined."""
+    from yesnt.decompose.confidence import confidence
+
+    fields = arguments()
+    weight = confidence(np.std(fields["observed"][None], axis=0))
+    assert (weight == 1).all()
+    solution = solve(**(fields | {"confidence": weight}))
+    assert solution.stats.converged
+    assert np.abs(solution.value - fields["observed"]).max() > 0
 
 
 def test_observations_outside_0_1_are_solved_and_not_clipped():

@@ -159,7 +159,7 @@ def _sweeps(params: EnergyParams, temporal: TemporalInput, tolerance: float, hal
 def _joint_pixels(temporal: TemporalInput, frames: int, extent: Extent) -> int:
     """Matte pixels that a joint task may list beside two masks of the whole sequence; 0 for less than a frame's."""
     pixels = extent.height * extent.width
-    free = _free(temporal, extent) - 2 * frames * pixels
+    free = _free(temporal, extent) - 2 * frames * pixels / 8  # a bit a pixel
     listed = int(free // listed_bytes())
     return listed if listed >= extent.matte_share * pixels else 0
 

@@ -1,7 +1,7 @@
 """The joint sweep of the temporal solve: what exchanges between blocks still move, in all frames at once.
 
 See temporal/joint.py. Frames are read one at a time, in a few passes: how far pixels moved, which are loose, and their
-lists. What stays in memory is two masks of the sequence and the lists.
+lists. What stays in memory is masks of the sequence, a bit a pixel, and the lists.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.solve_task import Links, Window, array_of, keep, known, listed, solve_window
+from yesnt.temporal.geometry import PackedMasks
 from yesnt.temporal.joint import ChangeCounter, FrameLinks, listed_frames, loose_pixels
 from yesnt.workspace import Workspace
 
@@ -36,7 +37,7 @@ def solve_jointly(space: Workspace) -> None:
         return
     start = listed(window, lambda frame: known(space, now[frame], frame))
     value, solved = solve_window(space, window, start)
-    first = np.concatenate([[0], np.cumsum([mask.sum() for mask in window.matte])])
+    first = np.cumsum([0, *(np.count_nonzero(window.matte[t]) for t in range(len(window.frames)))])
 
     pending = set(space.pending())
     for index, frame in enumerate(space.job.frames):
@@ -62,12 +63,16 @@ def _choose(space: Workspace) -> tuple[Window | None, dict[str, Any]]:
     for _ in range(ATTEMPTS):
         threshold = count.threshold(smallest, allowed)
         window = choice.window(threshold)
-        pixels = int(window.matte.sum())
+        pixels = _size(window.matte)
         if pixels <= room:
-            free = pixels - int(window.fixed.sum())
+            free = pixels - _size(window.fixed)
             return (window if free else None), facts | {"loose": free, "threshold": min(threshold, 1.0)}
         allowed = allowed * room // (2 * pixels)
     return None, facts
+
+
+def _size(masks: Mask | PackedMasks) -> int:
+    return sum(np.count_nonzero(masks[t]) for t in range(len(masks)))
 
 
 def _moved(space: Workspace, frame: int) -> Float32:
@@ -95,20 +100,18 @@ class _Choice:
     def window(self, threshold: float) -> Window:
         """Free pixels are those that moved by more than the threshold and their surroundings."""
         space, frames = self.space, self.space.job.frames
-        rows = slice(0, space.job.height)
-        mattes = np.zeros((len(frames), space.job.height, space.job.width), bool)
-        free = np.zeros_like(mattes)
+        shape = (len(frames), space.job.height, space.job.width)
+        free, rim = PackedMasks(shape), PackedMasks(shape)
         for index, frame in enumerate(frames):
-            mattes[index] = space.matte(frame)
-            free[index] = loose_pixels(_moved(space, frame) > threshold, mattes[index])
-        links = Links(space, Window(frames, rows, mattes, mattes))
+            free[index] = loose_pixels(_moved(space, frame) > threshold, space.matte(frame))
+        links = Links(space, Window(frames, slice(0, space.job.height), free, free))
 
         def read(index: int) -> FrameLinks:
             pair = links.pair(index) if index + 1 < len(frames) else (None, None)
             return FrameLinks(space.matte(frames[index]), *pair)
 
-        # A frame's matte is replaced by its list once the frame has been read: there is room for two masks, not three.
+        # What is fixed takes the place of what is free as soon as a frame has been listed: there is room for two masks.
         for index, found in enumerate(listed_frames(read, lambda t: free[t], len(frames))):
-            mattes[index] = found
-        np.logical_not(free, out=free)
-        return Window(frames, rows, mattes, np.logical_and(mattes, free, out=free))
+            rim[index] = found
+            free[index] = found & ~free[index]
+        return Window(frames, slice(0, space.job.height), rim, free)

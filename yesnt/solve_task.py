@@ -16,7 +16,7 @@ from yesnt import settings as of
 from yesnt.blocks import Block
 from yesnt.errors import JobError
 from yesnt.temporal import BlockLists, solve_lists
-from yesnt.temporal.geometry import build_geometry
+from yesnt.temporal.geometry import PackedMasks, build_geometry
 from yesnt.workspace import Workspace
 
 Float32 = NDArray[np.float32]
@@ -81,8 +81,8 @@ class Window:
 
     frames: tuple[int, ...]
     rows: slice
-    matte: Mask
-    fixed: Mask
+    matte: Mask | PackedMasks
+    fixed: Mask | PackedMasks
 
     def pixels(self, index: int, frame: Float32) -> Float32:
         """Matte pixels [C, n] of a whole frame [C, H, W] at a position of the window."""
@@ -193,7 +193,7 @@ def _seam(space: Workspace, window: Window, now: Float32) -> float:
 def _dense(space: Workspace, window: Window, value: Float32, frame: int) -> Float32:
     """One frame's core rows [2, h, W]: the value inside the matte, what was observed outside."""
     index, core = window.frames.index(frame), _band(space).core
-    first = int(window.matte[:index].sum())
+    first = sum(int(window.matte[t].sum()) for t in range(index))
     dense = observed(space, frame)[:, window.rows].copy()
     matte = window.matte[index]
     dense[:, matte] = value[:, first : first + int(matte.sum())]

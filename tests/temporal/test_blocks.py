@@ -25,7 +25,7 @@ from yesnt.temporal import (
     vertical_reach,
 )
 from yesnt.temporal.blocks import decay_per_frame
-from yesnt.temporal.geometry import build_geometry
+from yesnt.temporal.geometry import PackedMasks, build_geometry
 from yesnt.temporal.joint import ChangeCounter, FrameLinks, listed_frames, loose_pixels
 
 TOLERANCE = 1e-4
@@ -260,7 +260,7 @@ import re
 from pathlib import Path
 import numpy as np
 from yesnt.temporal import BlockLists, EnergyParams, block_bytes, solve_lists
-from yesnt.temporal.geometry import build_geometry
+from yesnt.temporal.geometry import PackedMasks, build_geometry
 
 def peak():  # not ru_maxrss, which a child inherits from the process that started it
     return 1024 * int(re.search(r"VmHWM:\\s*(\\d+)", Path("/proc/self/status").read_text())[1])
@@ -287,3 +287,14 @@ print((peak() - before) / block_bytes(12, 96, 1920, 1 / 3))
 """
     printed = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True).stdout
     assert 0.5 < float(printed) < 1.1
+
+
+def test_packed_masks_give_the_same_lists(pattern):
+    problem = pattern(4, 21, 19)
+    packed, fixed = PackedMasks(problem.matte.shape), PackedMasks(problem.matte.shape)
+    given = border_mask(problem.matte.shape, (1, 0))
+    for t, mask in enumerate(problem.matte):
+        packed[t], fixed[t] = mask, given[t]
+    whole = build_geometry(problem.matte, problem.flow, problem.validity, given)
+    for one, other in zip(build_geometry(packed, problem.flow, problem.validity, fixed), whole, strict=True):
+        np.testing.assert_array_equal(one, other)

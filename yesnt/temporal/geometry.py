@@ -52,18 +52,36 @@ class Geometry(NamedTuple):
         return int(self.frames[-1])
 
 
+class PackedMasks:
+    """Masks [T, H, W] at one bit a pixel; a frame is unpacked when it is asked for."""
+
+    def __init__(self, shape: tuple[int, int, int]) -> None:
+        self.shape = shape
+        self._bits = [np.zeros(0, np.uint8)] * shape[0]
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __setitem__(self, t: int, mask: NDArray[np.bool_]) -> None:
+        self._bits[t] = np.packbits(mask)
+
+    def __getitem__(self, t: int) -> NDArray[np.bool_]:
+        _, height, width = self.shape
+        return np.unpackbits(self._bits[t], count=height * width).view(np.bool_).reshape(height, width)
+
+
 def build_geometry(
-    matte: NDArray[np.bool_],
+    matte: NDArray[np.bool_] | PackedMasks,
     flow: Frames,
     validity: Frames,
-    fixed: NDArray[np.bool_] | None = None,
+    fixed: NDArray[np.bool_] | PackedMasks | None = None,
 ) -> Geometry:
     """Lists the matte pixels `[T, H, W]` and their links.
 
     `flow` [T-1, H, W, 2] and `validity` [T-1, H, W] are as in `solve`, or anything that gives a frame when indexed: a
     frame is asked for once, so that a task need not hold them all. `fixed` [T, H, W] marks given pixels.
     """
-    frames = np.concatenate([[0], np.cumsum(matte.reshape(len(matte), -1).sum(axis=1, dtype=np.int64))])
+    frames = np.cumsum([0, *(np.count_nonzero(matte[t]) for t in range(len(matte)))])
     if frames[-1] >= 2**31 - 1:
         raise ValueError(f"{frames[-1]} matte pixels: expected fewer than 2^31; solve in chunks or row bands")
     count = int(frames[-1])

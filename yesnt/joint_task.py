@@ -72,7 +72,7 @@ def _choose(space: Workspace) -> tuple[Window | None, dict[str, Any]]:
 
 
 def _size(masks: Mask | PackedMasks) -> int:
-    return sum(np.count_nonzero(masks[t]) for t in range(len(masks)))
+    return int(sum(np.count_nonzero(masks[t]) for t in range(len(masks))))
 
 
 def _moved(space: Workspace, frame: int) -> Float32:

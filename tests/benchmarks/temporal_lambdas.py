@@ -9,8 +9,8 @@ validity and robust confidence 1 - std / divisor. What is measured is kept in --
 
 Writes temporal-sweep.json and temporal-sweep.svg (kept in docs/): RMSE to the truth and RMSE of the frame-to-frame
 difference, over the input's, for each shot, input and channel. The shots before --held-out choose: of the settings in
-which no channel of a prediction becomes less accurate and each flickers a fifth less, the one with the least mean of
-all ratios. Held-out shots are then measured with it, and with the defaults.
+which no channel of any input becomes less accurate and each flickers a fifth less, the one with the least mean of all
+ratios. Held-out shots are then measured with it, and with the defaults.
 """
 
 import argparse
@@ -93,9 +93,9 @@ def _cost(inputs):
 
 
 def safe(row):
-    """Whether no channel of a prediction became less accurate, and each flickers less by a fifth."""
-    found = np.array([inputs[PREDICTED] for inputs in row["shots"].values()])
-    return found[..., 0].max() <= 1 and found[..., 1].max() <= 0.8
+    """Whether no channel of any input became less accurate, and each flickers less by a fifth."""
+    found = np.array([ratio for inputs in row["shots"].values() for ratio in inputs.values()])
+    return bool(found[..., 0].max() <= 1 and found[..., 1].max() <= 0.8)
 
 
 def plot(rows, chosen):

@@ -69,7 +69,8 @@ class Shot:
     def _ratio(self, name, params, divisor):
         mean, std, trust = self.inputs[name]
         value = solve(mean, confidence(std, divisor) * trust, *self.links, params, self.matte, tolerance=1e-3).value
-        return (errors(value, self.truth, self.matte) / errors(mean, self.truth, self.matte)).round(4).tolist()
+        ratio = errors(value, self.truth, self.matte) / errors(mean, self.truth, self.matte)
+        return ratio.astype(np.float64).round(4).tolist()
 
 
 def sweep(shots, settings):

@@ -1,18 +1,19 @@
 """What corrupted frames cost the clean ones: RMSE on clean frames over that of the uncorrupted solve.
 
-    python tests/benchmarks/temporal_outliers.py SHOT ...
+    python tests/benchmarks/temporal_outliers.py SHOT ... [--work FOLDER]
 
-A SHOT holds plate.####.exr and truth/material.####.exr. An ensemble's noise is added to the true materials; then a
-tenth of the frames is replaced by an offset, the inverse, noise, or a shifted picture of themselves. Columns: left as
-they are (plain); weighed by `robust_confidence` (robust); their data term taken out by hand (told); with links of
-doubled weight around what is distrusted, as if the neighbours' warps were composed (bridged: robust, and told).
+A SHOT holds plate.####.exr and truth/material.####.exr. Inputs are the embedded model's predictions (kept in --work)
+and an ensemble's noise on the true materials; a tenth of the frames is replaced by an offset, the inverse, noise, or a
+shifted picture of themselves. Columns, in per cent, roughness and metallic: left as they are (plain); weighed by
+`robust_confidence` (robust); their data term taken out by hand (told); with links of doubled weight around what is
+distrusted, as if the neighbours' warps were composed (bridged: robust, and told).
 """
 
-import sys
+import argparse
 from pathlib import Path
 
 import numpy as np
-from temporal_shots import ensemble, load
+from temporal_shots import ensemble, load, predicted
 
 from yesnt.decompose.confidence import confidence
 from yesnt.temporal import EnergyParams, FlowSettings, flow_and_validity, robust_confidence, solve
@@ -44,7 +45,11 @@ def bridged(validity, frames):
 
 
 def main():
-    for folder in map(Path, sys.argv[1:]):
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("shots", type=Path, nargs="+")
+    parser.add_argument("--work", type=Path, default=Path("temporal-sweep"))
+    options = parser.parse_args()
+    for folder in options.shots:
         plates, matte, truth = load(folder)
         pairs = [
             flow_and_validity(plates[t], plates[t + 1], matte[t], matte[t + 1], FlowSettings())
@@ -60,8 +65,9 @@ def main():
             value = solve(mean, weight, flow, links, PARAMS, matte, tolerance=1e-4).value  # noqa: B023
             return np.array([np.sqrt(np.mean((v - t)[clean][inside] ** 2)) for v, t in zip(value, truth, strict=True)])  # noqa: B023
 
-        for strength in (0.02, 0.05):
-            mean, std = ensemble(truth, strength, 2)
+        given = {"predicted": predicted(folder, options.work)}
+        given |= {f"noise {strength}": ensemble(truth, strength, 2) for strength in (0.05, 0.02)}
+        for source, (mean, std) in given.items():
             weight = confidence(std)
             usual, _ = robust_confidence(mean, weight, flow, validity, matte)
             base = error(mean, usual, validity)
@@ -78,14 +84,8 @@ def main():
                     "told, bridged": error(broken, told, bridged(validity, frames)),
                 }
                 cells = "  ".join(f"{name} {(100 * (v / base - 1)).round(1).tolist()}" for name, v in found.items())
-                print(
-                    folder.name,
-                    strength,
-                    kind,
-                    "named" if list(report.frames) == frames else report.frames,
-                    cells,
-                    flush=True,
-                )
+                named = "named" if list(report.frames) == frames else report.frames
+                print(folder.name, source, kind, named, cells, flush=True)
 
 
 if __name__ == "__main__":

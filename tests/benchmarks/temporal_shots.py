@@ -34,9 +34,10 @@ def load(folder):
 
 def predicted(folder, work):
     """Mean and standard deviation [2, T, H, W] of the embedded model's members; kept in `work`."""
-    home = work / folder.name
+    document = _elsewhere(folder)
+    home = work / f"{folder.name}.{document['frames']}"
     home.mkdir(parents=True, exist_ok=True)
-    (home / "shot.yaml").write_text(yaml.safe_dump(_elsewhere(folder)))
+    (home / "shot.yaml").write_text(yaml.safe_dump(document))
     session = Session(home)
     plan, store = session.plan(), session.output.store
     FrameStore.create(store, plan.arrays(), len(session.job.frames), session.job.height, session.job.width)

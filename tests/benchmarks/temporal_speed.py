@@ -158,7 +158,7 @@ def compare(size):
     show("L-BFGS, same kernels, true", lbfgs(problem, minimum))
     small = moving_pattern(4, size[1] // 2, size[2] // 2)
     small_minimum = solve(*small.arguments, tolerance=1e-6).stats.energy
-    rates = (0.014, 0.02, 0.028, 0.04, 0.056, 0.08)
+    rates = (0.005, 0.007, 0.01, 0.014, 0.02, 0.028)
     steps = {rate: torch_adam(small, small_minimum, rate, 300)[0].get(1e-3, (999,))[0] for rate in rates}
     best = min(steps, key=steps.get)
     print(f"Adam's steps to 1e-3 on a smaller problem by rate: {steps}")

@@ -22,6 +22,7 @@ from yesnt.temporal import EnergyParams, FlowSettings, solve
 OFF = 1e6
 CONSISTENCY = {"none": (OFF, OFF), "0.01, 0.5": (0.01, 0.5), "0.05, 2": (0.05, 2.0), "0.01, 0.1": (0.01, 0.1)}
 COLOUR = (np.inf, 0.2, 0.1, 0.05, 0.03)
+SOLVED = (np.inf, 0.1, 0.05)
 NOISE = 0.05
 
 
@@ -69,7 +70,7 @@ def main():
                 f"{name:>16s} {colour:7.2f} {rejected / all_:8.3f} {seen[0]:15.2f} {seen[1]:9.2f} "
                 f"{recall:12.2f} {precision:9.2f} {2 * recall * precision / (recall + precision):8.3f}"
             )
-            if options.solve:
+            if options.solve and colour in SOLVED:
                 soft = np.mean([j.solved(v) for j, v in zip(shots, found, strict=True)], axis=0)
                 hard = np.mean([j.solved((v >= 0.5).astype(np.float32)) for j, v in zip(shots, found, strict=True)], 0)
                 cells += f"   soft x{soft[0]:.3f} x{soft[1]:.3f}   cut x{hard[0]:.3f} x{hard[1]:.3f}"

@@ -11,7 +11,7 @@ LARGEST_STD = 0.5
 """The largest population standard deviation of a quantity in [0, 1]."""
 
 
-DIVISOR = 1.0
+DIVISOR = 1.5
 """What the spread is divided by for the temporal solve. method.md's 0.5 takes all weight from pixels whose members
 disagree most, which then follow their neighbours: where a class is rarely found (metal), to the wrong side."""
 

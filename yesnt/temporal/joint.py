@@ -6,7 +6,8 @@ patch moves as one through all blocks, and news of it travels one block a sweep.
 exchanges they are set free in all frames at once, with all others fixed: one more step of Schwarz's method, whose
 subdomain is not a box but the loose pixels themselves. It lowers F, whatever was chosen to be loose.
 
-They are widened by `MARGIN` pixels: a single pixel that happened to stay where it was would pin the patch around it.
+They are widened by `MARGIN` pixels, to the whole frame where most of it moved: pixels that happened to stay where they
+were would pin the patch around them.
 """
 
 from __future__ import annotations
@@ -22,6 +23,9 @@ Single = NDArray[np.float32]
 
 MARGIN = 2
 """Pixels around one that moved which are set free with it."""
+
+MOST = 0.5
+"""Share of a frame's matte that moved, from which all of it is set free."""
 
 STEPS_PER_OCTAVE, OCTAVES, LARGEST = 16, 40, 8.0
 """Bins in which changes are counted: from LARGEST down, in steps of 2^(1/16)."""
@@ -59,8 +63,9 @@ class ChangeCounter:
 
 def loose_pixels(moved: Mask, matte: Mask) -> Mask:
     """The pixels [H, W] that are set free where some have moved: these and the matte pixels around them."""
-    if not moved.any():
-        return moved
+    count = np.count_nonzero(moved)
+    if count == 0 or count > MOST * np.count_nonzero(matte):
+        return matte & (count > 0)
     for _ in range(MARGIN):
         moved = _dilate(moved)
     return moved & matte

@@ -24,8 +24,8 @@ class EnergyParams:
     """
 
     delta: float = 0.1
-    lambda1: float = 0.005
-    lambda2: float = 2.0
+    lambda1: float = 0.04
+    lambda2: float = 1.0
     eps: float = 1e-3
 
     def __post_init__(self) -> None:

@@ -143,7 +143,7 @@ def test_bands_are_chosen_from_the_memory_setting_only() -> None:
         return plan_chunks(EnergyParams(), TemporalInput(memory=memory), 1e-4, 240, Extent(2160, 3840, 0.3))
 
     assert bands(64.0).whole
-    assert plan_chunks(EnergyParams(), TemporalInput(), 1e-4, 240, Extent(540, 960, 0.3)).whole
+    assert plan_chunks(EnergyParams(), TemporalInput(memory=2.0), 1e-4, 240, Extent(540, 960, 0.3)).whole
     narrow, wide = bands(2.0), bands(4.0)
     assert 1 < len(wide.bands) < len(narrow.bands)
     assert narrow.peak_bytes <= 2e9

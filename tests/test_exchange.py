@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from yesnt.chunks import SHORTEST, Extent, plan_chunks
+from yesnt.chunks import DECOMPOSING, DECOMPOSING_PIXEL, SHORTEST, Extent, plan_chunks
 from yesnt.exchange import Exchange
 from yesnt.shot import TemporalInput
 from yesnt.temporal import EnergyParams
@@ -17,14 +17,14 @@ def plan(frames: int, extent: Extent = SMALL, **temporal):
 
 
 def test_a_shot_that_fits_into_memory_is_solved_as_one() -> None:
-    found = plan(64)
+    found = plan(64, memory=2.0)
     assert (found.chunk, found.whole) == (64, True)
     assert Exchange(64, found).sweeps == 0
     assert found.peak_bytes <= 2e9
 
 
 def test_a_longer_shot_is_cut_into_the_longest_chunks_that_fit() -> None:
-    found = plan(2000)
+    found = plan(2000, memory=2.0)
     assert SHORTEST < found.chunk < 2000
     assert found.whole
     assert found.peak_bytes <= 2e9
@@ -33,6 +33,14 @@ def test_a_longer_shot_is_cut_into_the_longest_chunks_that_fit() -> None:
     banded = plan(240, HD)
     assert banded.chunk == SHORTEST
     assert not banded.whole
+
+
+@pytest.mark.parametrize("extent", [Extent(384, 256, 0.35), Extent(384, 256), HD])
+def test_memory_does_not_grow_with_length(extent: Extent) -> None:
+    decomposing = DECOMPOSING + DECOMPOSING_PIXEL * extent.height * extent.width
+    peaks = [max(decomposing, plan(frames, extent).peak_bytes) for frames in (16, 256, 4000)]
+    assert max(peaks) <= 1.1 * peaks[0]
+    assert plan(64, Extent(384, 256, 0.35)).chunk == 64, "a shot of the demo's size is solved as one"
 
 
 def test_joint_sweeps_come_only_where_memory_holds_at_least_a_frame() -> None:

@@ -1,8 +1,8 @@
 """The product in one sentence, as a graph.
 
 Keyframes, or windows of frames, are decomposed, flow links each frame to the next, frames between take the keyframe's
-materials along the flow and draw what is missing; the shot is weighed and solved along the flow, in chunks if it is long,
-and each frame is relit and composited as soon as it is solved.
+materials along the flow and draw what is missing; the shot is weighed and solved along the flow, in chunks if it is
+long, and each frame is relit and composited as soon as it is solved.
 """
 
 from __future__ import annotations

@@ -81,7 +81,8 @@ class FlowInput(_Part):
 class TemporalInput(_Part):
     """The energy of method.md section 4 and how it is cut into chunks; `knobs` are fields of EnergyParams.
 
-    `memory` is what a worker may hold while it solves, in GB. A shot that needs no more is solved as one; others are
+    `memory` is what a worker may hold while it solves, in GB; by default no more than it takes to decompose a frame, so
+    that memory does not grow with length. A shot that needs no more is solved as one; others are
     cut into chunks of frames (or of `chunk` frames, if that is given), and these if need be into bands of rows.
     """
 
@@ -92,7 +93,7 @@ class TemporalInput(_Part):
     halo: Annotated[int, Field(ge=0, le=4096)] | None = None
     sweeps: Annotated[int, Field(ge=0, le=256)] | None = None
     robust: bool = True
-    memory: Annotated[float, Field(gt=0, le=4096)] = 2.0
+    memory: Annotated[float, Field(gt=0, le=4096)] | None = None
     knobs: dict[str, Knob] = Field(default_factory=dict)
 
 

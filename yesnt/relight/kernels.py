@@ -29,6 +29,7 @@ _SCRATCH = 1024  # texels gathered at a time: 32 kB
 _STRIDE = 1040  # floats from row to row of the scratch: rows a power of two apart share a cache set
 _ANY_SIZE = 1e9  # a `detail` that level 0 always meets; infinity is not a number that fast arithmetic knows
 _LONG = 16  # blocks that are worth a loop of their own: it costs as much to start as it does to gather so many
+_1, _2, _3 = np.uintp(1), np.uintp(2), np.uintp(3)
 _ONE = np.float32(1.0)
 _TWO = np.float32(2.0)
 _ZERO = np.float32(0.0)
@@ -229,12 +230,18 @@ def _sum_runs(texels, runs, used, scratch, wanted, frame, widen, out):  # type: 
             add_lobes(frame, widen, gathered, 0, 8 * full, wanted, out)
             full = 0
         for b in range(first, last):
-            at, on = 4 * b, 4 * full
-            for k in range(8):
-                one, two, three, four = source[k, at], source[k, at + 1], source[k, at + 2], source[k, at + 3]
-                target[k, on], target[k, on + 1], target[k, on + 2], target[k, on + 3] = one, two, three, four
+            _copy_block(source, np.uintp(4 * b), target, np.uintp(4 * full))
             full += 1
     add_lobes(frame, widen, gathered, 0, 8 * full, wanted, out)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _copy_block(source, at, target, on):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Copies four words of each row; unsigned places, since one that may be negative keeps LLVM from joining them."""
+    for k in range(8):
+        one, two = source[k, at], source[k, at + _1]
+        three, four = source[k, at + _2], source[k, at + _3]
+        target[k, on], target[k, on + _1], target[k, on + _2], target[k, on + _3] = one, two, three, four
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")

@@ -55,16 +55,26 @@ def set_frame(nx, ny, nz, vx, vy, vz, frame):  # type: ignore[no-untyped-def]  #
     frame[9], frame[10] = nv, math.sqrt(max(_ONE - nv * nv, _ZERO))
 
 
+@njit(cache=True, fastmath=True, error_model="numpy", inline="always")
+def _columns(rows, first, last):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """The rows of texels [first, last), each counted from 0: of an index that might be negative LLVM makes gathers."""
+    return (
+        rows[0][first:last], rows[1][first:last], rows[2][first:last], rows[3][first:last],
+        rows[4][first:last], rows[5][first:last], rows[6][first:last], rows[7][first:last],
+    )  # fmt: skip
+
+
 @njit(cache=True, fastmath=True, error_model="numpy")
 def _cosine_sum(frame, rows, first, last, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     nx, ny, nz = frame[0], frame[1], frame[2]
+    x, y, z, red, green, blue, solid, _ = _columns(rows, first, last)
     s0 = s1 = s2 = sw = _ZERO
-    for t in range(first, last):
-        nl = max(nx * rows[0, t] + ny * rows[1, t] + nz * rows[2, t], _ZERO)
-        s0 += nl * rows[3, t]
-        s1 += nl * rows[4, t]
-        s2 += nl * rows[5, t]
-        sw += nl * rows[6, t]
+    for t in range(x.shape[0]):
+        nl = max(nx * x[t] + ny * y[t] + nz * z[t], _ZERO)
+        s0 += nl * red[t]
+        s1 += nl * green[t]
+        s2 += nl * blue[t]
+        sw += nl * solid[t]
     out[0] += s0
     out[1] += s1
     out[2] += s2
@@ -102,15 +112,16 @@ def _dielectric_lobe(frame, widen, rows, first, last, out):  # type: ignore[no-u
     fixed = _fixed(frame)
     a2 = frame[11] * frame[11]
     smith_o = math.sqrt(frame[9] * frame[9] * (_ONE - a2) + a2) / frame[9]
+    x, y, z, red, green, blue, solid, spread = _columns(rows, first, last)
     s0 = s1 = s2 = sw = _ZERO
-    for t in range(first, last):
-        shape, q = _shape(fixed, a2, smith_o, rows[0, t], rows[1, t], rows[2, t], widen * rows[7, t])
+    for t in range(x.shape[0]):
+        shape, q = _shape(fixed, a2, smith_o, x[t], y[t], z[t], widen * spread[t])
         c = _HALF * math.sqrt(q)
         w = shape * (_C0 + c * (_C1 + c * (_C2 + c * (_C3 + c * (_C4 + c * (_C5 + c * (_C6 + c * _C7)))))))
-        s0 += w * rows[3, t]
-        s1 += w * rows[4, t]
-        s2 += w * rows[5, t]
-        sw += w * rows[6, t]
+        s0 += w * red[t]
+        s1 += w * green[t]
+        s2 += w * blue[t]
+        sw += w * solid[t]
     out[3] += s0
     out[4] += s1
     out[5] += s2
@@ -122,20 +133,21 @@ def _metal_lobe(frame, widen, rows, first, last, out):  # type: ignore[no-untype
     fixed = _fixed(frame)
     a2 = frame[11] * frame[11]
     smith_o = math.sqrt(frame[9] * frame[9] * (_ONE - a2) + a2) / frame[9]
+    x, y, z, red, green, blue, solid, spread = _columns(rows, first, last)
     s0 = s1 = s2 = sw = f0 = f1 = f2 = fw = _ZERO
-    for t in range(first, last):
-        shape, q = _shape(fixed, a2, smith_o, rows[0, t], rows[1, t], rows[2, t], widen * rows[7, t])
+    for t in range(x.shape[0]):
+        shape, q = _shape(fixed, a2, smith_o, x[t], y[t], z[t], widen * spread[t])
         m = max(_ONE - _HALF * math.sqrt(q), _ZERO)
         high = shape * (m * m) * (m * m) * m
         low = shape - high
-        s0 += low * rows[3, t]
-        s1 += low * rows[4, t]
-        s2 += low * rows[5, t]
-        sw += low * rows[6, t]
-        f0 += high * rows[3, t]
-        f1 += high * rows[4, t]
-        f2 += high * rows[5, t]
-        fw += high * rows[6, t]
+        s0 += low * red[t]
+        s1 += low * green[t]
+        s2 += low * blue[t]
+        sw += low * solid[t]
+        f0 += high * red[t]
+        f1 += high * green[t]
+        f2 += high * blue[t]
+        fw += high * solid[t]
     out[6] += s0
     out[7] += s1
     out[8] += s2

@@ -21,6 +21,7 @@ LAYERS = (
         "exchange",
         "stages",
         "workspace",
+        "light_task",
         "decompose_task",
         "solve_task",
         "joint_task",

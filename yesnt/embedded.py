@@ -21,7 +21,9 @@ gbuffer: {{path: gbuffer/gbuffer.####.exr, z: depth.Z, normal: N, normal_space: 
 camera:  camera.json              # width height fx fy cx cy, and world_from_camera of every frame
 
 light:   {{path: env/light.exr, convention: blender, rotation: [0, 0, 0], exposure: 0}}   # degrees, stops
-# capture_light: {{path: env/capture.exr}}        # what the plate was shot under; absent: uniform, radiance 1
+#   env/light.####.exr: one map a frame; convention: blender | opengl | mitsuba; clamp: 100 (largest radiance kept);
+#   captured_at: [0, 0, 1] and distance: 5 (metres): seen from where the actor and the camera are
+# capture_light: {{path: env/capture.exr}}        # what the plate was shot under; absent: uniform; or the word estimate
 # background: {{path: bg/bg.####.exr}}            # absent: the light's map as the camera sees it
 # proxy: {{path: proxy/proxy.####.ply}}           # triangles in world metres: casts shadows and bounces light
 

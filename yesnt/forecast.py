@@ -14,10 +14,10 @@ from yesnt.chunks import ROUND
 from yesnt.driver import is_done
 from yesnt.evaluations import Evaluations, forecast_evaluations
 from yesnt.graph import Graph, Node
+from yesnt.light_task import frame_map
 from yesnt.preflight import inspect
 from yesnt.session import Session
 from yesnt.stages import STAGES, stage_of
-from yesnt.tasks import env_map
 
 if TYPE_CHECKING:
     from yesnt.relight.scope import Requirement
@@ -203,6 +203,7 @@ def _relight_terms(session: Session) -> tuple[Requirement, ...]:
     from yesnt.relight.scope import SceneFacts, requirements
 
     shot, settings = session.job.shot, of.relight_settings(session.job.shot)
-    light = prepare_relight(env_map(session.job.root, shot.light), settings)
-    capture = prepare_capture(env_map(session.job.root, shot.capture_light), settings)
+    first = session.job.frames[0]
+    light = prepare_relight(frame_map(session.job, shot.light, first), settings)
+    capture = prepare_capture(frame_map(session.job, shot.capture_light, first), settings)
     return requirements(SceneFacts(light, capture, shot.proxy is not None), settings)

@@ -118,13 +118,17 @@ def inspect_content(resolved: Resolved) -> list[str]:
         for found in pool.map(lambda frame: _check_frame(job, frame, camera), job.frames):
             counts += found
     warnings += [f"{what}: {count} in the shot" for what, count in sorted(counts.items())]
+    return warnings + list(_check_maps(job))
+
+
+def _check_maps(job: Job) -> Iterable[str]:
+    """Decodes every map of both lights once."""
     for role, light in (("light", job.shot.light), ("capture_light", job.shot.capture_light)):
-        if light is not None:
-            path = frame_path(job.root, light.path, job.frames[0])
+        pattern = light.path if light is not None else None
+        for path in dict.fromkeys(frame_path(job.root, pattern, frame) for frame in job.frames if pattern is not None):
             _, negative = capture.read_radiance(path)
             if negative:
-                warnings.append(f"{role}: {negative} negative values in {path} are read as 0")
-    return warnings
+                yield f"{role}: {negative} negative values in {path} are read as 0"
 
 
 def _check_knobs(shot: Shot) -> None:
@@ -162,7 +166,7 @@ def _input_files(job: Job) -> Iterable[Path]:
         yield frame_path(job.root, shot.flow.weights, 0)
     yield frame_path(job.root, shot.camera, 0)
     for light in (shot.light, shot.capture_light):
-        if light is not None:
+        if light is not None and light.path is not None:
             yield from (frame_path(job.root, light.path, frame) for frame in job.frames)
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 Colorspace = Literal["lin_rec709", "srgb"]
 Quality = Literal["draft", "standard", "final", "reference"]
@@ -41,13 +41,53 @@ class GBufferInput(_Part):
     normal_space: Literal["world", "camera"] = "world"
 
 
-class LightInput(_Part):
-    """A lat-long map; rotation in degrees (yaw about +Z first), exposure in stops."""
+Point = Annotated[tuple[float, float, float], Field(strict=False)]
+
+
+class _Map(_Part):
+    """How a lat-long map stands in the world; a path with a frame number names one map a frame.
+
+    `rotation` is in degrees (yaw about +Z first), `exposure` in stops. `clamp` is the largest radiance that is kept, in
+    the map's own units. A map that was captured at `captured_at` (world metres), with what it shows `distance` metres
+    away, is shown to the actor and to the camera as it looks from where they are.
+    """
+
+    convention: Literal["blender", "opengl", "mitsuba"] = "blender"
+    rotation: Point = (0.0, 0.0, 0.0)
+    exposure: Annotated[float, Field(ge=-32, le=32)] = 0.0
+    clamp: Annotated[float, Field(gt=0)] | None = None
+    captured_at: Point | None = None
+    distance: Annotated[float, Field(gt=0)] | None = None
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        if (self.captured_at is None) != (self.distance is None):
+            raise ValueError("captured_at and distance belong together")
+        return self
+
+
+class LightInput(_Map):
+    """The light that relights."""
 
     path: str
-    convention: Literal["blender", "opengl", "mitsuba"] = "blender"
-    rotation: Annotated[tuple[float, float, float], Field(strict=False)] = (0.0, 0.0, 0.0)
-    exposure: Annotated[float, Field(ge=-32, le=32)] = 0.0
+
+
+class CaptureInput(_Map):
+    """The light that the plate was shot under: a map, or the word `estimate`, which guesses it from the shot."""
+
+    path: str | None = None
+    estimate: bool = False
+
+    @model_validator(mode="before")
+    @classmethod
+    def _word(cls, value: Any) -> Any:
+        return {"estimate": True} if value == "estimate" else value
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Self:
+        if self.estimate == (self.path is not None):
+            raise ValueError("it needs a path or the word `estimate`, and not both")
+        return self
 
 
 class PathInput(_Part):
@@ -113,7 +153,7 @@ class Shot(_Part):
     gbuffer: GBufferInput
     camera: str
     light: LightInput
-    capture_light: LightInput | None = None
+    capture_light: CaptureInput | None = None
     background: PlateInput | None = None
     proxy: PathInput | None = None
     decompose: DecomposeInput = DecomposeInput()
@@ -147,3 +187,9 @@ class Job(_Part):
     def position(self, frame: int) -> int:
         """Where a frame stands in the sequence."""
         return self.frames.index(frame)
+
+    @property
+    def probe_frames(self) -> tuple[int, ...]:
+        """Frames that stand for the shot where its capture light is estimated: the ends and the middle."""
+        last = len(self.frames) - 1
+        return tuple(self.frames[i] for i in sorted({0, last // 2, last}))

@@ -60,7 +60,7 @@ STAGES = {
         Stage("trust", 3, "chunk with halo", "observed, spread, flow, validity", ("confidence",)),
         Stage("solve", 3, "shot; if long, chunk with halo; bands of rows", "observed, confidence, flow, validity",
               ("material",)),
-        Stage("relight", 2, "frame", "plate, G-buffer, proxy, material, light",
+        Stage("relight", 3, "frame", "plate, G-buffer, proxy, material, light",
               ("base_color", "diffuse", "specular", "shadow")),
         Stage("composite", 1, "frame", "diffuse, specular, background"),
         Stage("preview", 2, "second of the film; then the shot", "the EXR sequence"),
@@ -287,6 +287,9 @@ class ShotPlan:
             frame, plate=shot.plate.path, gbuffer=shot.gbuffer.path, proxy=shot.proxy.path if shot.proxy else None,
             light=shot.light.path, capture=capture.path if capture else None, camera=shot.camera,
         )  # fmt: skip
+        for probe in self.job.probe_frames if capture and capture.estimate else ():
+            seen = {f"probe plate {probe}": shot.plate.path, f"probe gbuffer {probe}": shot.gbuffer.path}
+            inputs |= self._inputs(probe, **seen)
         settings = {
             "relight": dataclasses.asdict(of.relight_settings(shot)),
             "light": shot.light.model_dump(mode="json", exclude={"path"}),
@@ -299,7 +302,8 @@ class ShotPlan:
     def composite(self, frame: int, keys: Keys) -> Node:
         """One EXR."""
         shot = self.job.shot
-        inputs = self._inputs(frame, background=shot.background.path if shot.background else None)
+        backdrop = {"background": shot.background.path} if shot.background else {"light": shot.light.path}
+        inputs = self._inputs(frame, **backdrop)
         settings = {
             "name": shot.name,
             "exr": shot.exr.model_dump(mode="json"),

@@ -20,11 +20,11 @@ from yesnt.io import capture
 from yesnt.io.capture import file_digest
 from yesnt.io.exr import write_exr
 from yesnt.io.jobfile import frame_path
-from yesnt.shot import Job, LightInput, Shot
+from yesnt.light_task import backdrop, prepared_lights
+from yesnt.shot import Job, Shot
 from yesnt.workspace import Workspace
 
 if TYPE_CHECKING:
-    from yesnt.relight import EnvMap
     from yesnt.temporal.flow import Matcher
 
 Float32 = NDArray[np.float32]
@@ -107,7 +107,7 @@ def relight(space: Workspace) -> None:
     proxy = _proxy(job, frame)
     with space.kernel():
         surface = Surface(seen.normal, seen.z, plate.matte, roughness, metallic, camera, frame)
-        light, captured = _light(space, job.shot.light, "light"), _light(space, job.shot.capture_light, "capture")
+        light, captured = prepared_lights(space, surface)
         relit = relight_frame(FrameInputs(plate.color, surface), light, captured, proxy, of.relight_settings(job.shot))
     space.commit(
         frame,
@@ -131,8 +131,7 @@ def composite(space: Workspace) -> None:
     background = capture.read_background(job, frame)
     with space.kernel():
         if background is None:
-            env = _env(space, job.shot.light, "light")
-            background = env.lookup(camera.rays(frame)).astype(np.float32)
+            background = backdrop(space, camera)
         relit = associate((diffuse + specular).transpose(1, 2, 0), plate.matte)
         planes = {
             "composite": over(relit, background).transpose(2, 0, 1),
@@ -226,40 +225,6 @@ def _spynet(path: str, digest: str) -> Matcher:
 @lru_cache(maxsize=4)
 def _camera(path: str) -> Camera:
     return Camera.open(path)
-
-
-def _env(space: Workspace, spec: LightInput | None, role: str) -> EnvMap:
-    return _env_map(space.job.root, spec, space.node.fields["inputs"].get(role, ""))
-
-
-def _light(space: Workspace, spec: LightInput | None, role: str) -> Any:
-    digest = space.node.fields["inputs"].get(role, "")
-    return _prepared_light(space.job.root, spec, digest, of.relight_settings(space.job.shot), role)
-
-
-def env_map(root: str, spec: LightInput | None) -> EnvMap:
-    """A job's map, turned and exposed; without one the uniform light of radiance 1."""
-    from yesnt.relight import EnvMap, uniform_light
-
-    if spec is None:
-        return uniform_light()
-    radiance, _ = capture.read_radiance(frame_path(root, spec.path, 0))
-    return EnvMap.from_array(radiance, spec.convention).turned(spec.rotation, spec.exposure)
-
-
-@lru_cache(maxsize=2)
-def _env_map(root: str, spec: LightInput | None, digest: str) -> EnvMap:
-    """A map stays in the worker; its digest is part of what it is remembered by."""
-    del digest
-    return env_map(root, spec)
-
-
-@lru_cache(maxsize=4)
-def _prepared_light(root: str, spec: LightInput | None, digest: str, settings: Any, role: str) -> Any:
-    from yesnt.relight import prepare_capture, prepare_relight
-
-    prepare = prepare_capture if role == "capture" else prepare_relight
-    return prepare(_env_map(root, spec, digest), settings)
 
 
 _TASKS: dict[str, Callable[[Workspace], None]] = {

@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
 
-from yesnt.relight.albedo import albedo_tables, energy_terms
+from yesnt.relight.albedo import albedo_tables, disney_albedo, energy_terms
 from yesnt.relight.brdf import (
     alpha_ggx,
     dielectric_fresnel,
+    disney_diffuse,
     evaluate_paper,
     ggx_distribution,
     schlick_weight,
@@ -70,3 +71,15 @@ def test_fresnel_at_normal_and_grazing():
     assert np.isclose(dielectric_fresnel(np.array(1.0)), 0.04)
     assert np.isclose(dielectric_fresnel(np.array(0.0)), 1.0)
     assert alpha_ggx(np.array(0.0)) == 1e-3
+
+
+@pytest.mark.parametrize("roughness", [0.1, 0.5, 1.0])
+def test_disney_diffuse_is_reciprocal_and_its_table_is_its_integral(roughness):
+    light, solid = hemisphere(200, 200)
+    for cos_o in (0.2, 0.6, 0.95):
+        view = np.array([np.sqrt(1 - cos_o**2), 0, cos_o])
+        cos_d = np.sqrt(0.5 * (1 + light @ view))
+        value = disney_diffuse(light[:, 2], np.array(cos_o), cos_d, np.array(roughness))
+        assert np.allclose(value, disney_diffuse(np.array(cos_o), light[:, 2], cos_d, np.array(roughness)))
+        integral = (value * light[:, 2] * solid).sum() / np.pi
+        assert np.isclose(albedo_tables().lookup(disney_albedo(), roughness, cos_o), integral, rtol=5e-3)

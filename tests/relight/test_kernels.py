@@ -4,7 +4,7 @@ import pytest
 
 from tests.relight.scenes import sky
 from yesnt.relight import EnvMap, prepare_light
-from yesnt.relight.brdf import evaluate_paper
+from yesnt.relight.brdf import disney_diffuse, evaluate_paper
 from yesnt.relight.combine import normalise, response
 from yesnt.relight.kernels import IRRADIANCE, LIT, METAL_F0, METAL_F90, OPEN_LIGHT, sum_lobes
 from yesnt.relight.points import Pixels
@@ -115,3 +115,14 @@ def test_the_tree_of_standard_quality_is_within_40_db_of_the_full_sum(roughness)
     for columns in (IRRADIANCE, METAL_F0):
         a, b = full[:, columns], fast[:, columns]
         assert -10 * np.log10(np.mean(np.square(a - b)) / np.square(a).max()) > 40
+
+
+@pytest.mark.parametrize("roughness", [0.1, 0.6, 1.0])
+def test_disney_diffuse_equals_the_float64_reference(roughness):
+    light, px = prepare_light(sky(32), 2048, 64), pixels(np.float32(roughness), 0.0)
+    sums = sum_lobes(px.lobes(slice(0, 300), "default", "disney"), light, None, None)
+    direction, energy = light.texels.direction.T.astype(float), light.texels.energy.T.astype(float)
+    facing, cos_o = np.maximum(px.normal @ direction.T, 0), px.cos_o[:, None].astype(float)
+    cos_d = np.sqrt(np.clip(0.5 * (1 + px.view @ direction.T), 0, 1))
+    truth = (disney_diffuse(facing, cos_o, cos_d, np.float64(roughness)) * facing) @ energy
+    assert np.allclose(sums[:, IRRADIANCE], truth, rtol=1e-3)

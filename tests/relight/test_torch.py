@@ -8,12 +8,12 @@ from yesnt.relight.kernels import sum_lobes
 from yesnt.relight.torch_sum import sum_lobes_torch
 
 
-@pytest.mark.parametrize("brdf", ["default", "paper"])
+@pytest.mark.parametrize(("brdf", "diffuse"), [("default", "lambert"), ("default", "disney"), ("paper", "lambert")])
 @pytest.mark.parametrize("roughness", [0.05, 0.3, 0.7])
-def test_torch_equals_numba(brdf, roughness):
+def test_torch_equals_numba(brdf, diffuse, roughness):
     light, rng = prepare_light(sky(32), 256, 32), np.random.default_rng(0)
     px = pixels(np.float32(roughness), np.float32(0.4), count=64)
-    lobes = px.lobes(slice(0, 64), brdf)
+    lobes = px.lobes(slice(0, 64), brdf, diffuse)
     hidden = rng.random((64, 32)) < 0.3
     bounce = rng.random((3, 64, 32)).astype(np.float32)
     for occluded in ((None, None), (hidden, None), (hidden, bounce)):

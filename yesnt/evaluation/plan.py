@@ -255,8 +255,11 @@ class EvalPlan:
         job = self.session.job
         shot, found = job.shot, {}
         patterns = [shot.plate.path, shot.gbuffer.path, shot.camera]
-        patterns += [part.path for part in (shot.proxy, shot.capture_light) if part is not None]
-        for frame in frames:
+        patterns += [
+            part.path for part in (shot.proxy, shot.capture_light) if part is not None and part.path is not None
+        ]
+        probes = job.probe_frames if shot.capture_light is not None and shot.capture_light.estimate else ()
+        for frame in dict.fromkeys((*frames, *probes)):
             for pattern in patterns:
                 path = str(frame_path(job.root, pattern, frame))
                 found[Path(path).name] = self.session.resolved.digests[path]

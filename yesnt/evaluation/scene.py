@@ -16,8 +16,9 @@ from yesnt import settings as of
 from yesnt.camera import Camera
 from yesnt.evaluation.rows import Row
 from yesnt.io import capture
-from yesnt.io.jobfile import frame_path
+from yesnt.io.jobfile import frame_path, has_frame_number
 from yesnt.io.mesh import read_mesh
+from yesnt.light_task import frame_map
 from yesnt.relight import (
     EnvMap,
     PreparedLight,
@@ -26,12 +27,11 @@ from yesnt.relight import (
     Surface,
     prepare_capture,
     prepare_relight,
-    uniform_light,
 )
 from yesnt.relight.frame import base_color, finish_edges, shade_pixels
 from yesnt.relight.occlusion import Occluders, find_occluders
 from yesnt.relight.points import Pixels, gather_pixels
-from yesnt.shot import Job, LightInput
+from yesnt.shot import Job
 
 F32 = NDArray[np.float32]
 
@@ -140,7 +140,7 @@ class Scene:
         """Base colour [P, 3] out of the plate; the light that relights has no part in it, so all maps share one."""
         key = (*way, dataclasses.replace(settings, texels=1, clusters=1))
         if key not in self._bases:
-            captured = captured_light(self.job, settings)
+            captured = captured_light(self.job, self.frame, settings)
             self._bases[key] = base_color(self._color(pixels), pixels, occluders, captured, settings)
         return self._bases[key]
 
@@ -175,17 +175,25 @@ def open_scene(key: SceneKey) -> Scene:
     return Scene(key.job, key.frame, key.stride)
 
 
-def captured_light(job: Job, settings: RelightSettings) -> PreparedLight:
+def captured_light(job: Job, frame: int, settings: RelightSettings) -> PreparedLight:
     """The light of the plate, as the job names it."""
-    return _captured(job.root, job.shot.capture_light, settings)
+    path = job.shot.capture_light.path if job.shot.capture_light is not None else None
+    if path is not None and has_frame_number(path):
+        return _captured(_Capture((job.root, path, frame), job), frame, settings)
+    return _captured(_Capture((job.root, path), job), job.frames[0], settings)
+
+
+@dataclass(frozen=True)
+class _Capture:
+    """What a capture light is known by, and the job that tells the rest."""
+
+    known_by: tuple[str | int | None, ...]
+    job: Job = field(compare=False)
 
 
 @lru_cache(maxsize=4)
-def _captured(root: str, spec: LightInput | None, settings: RelightSettings) -> PreparedLight:
-    if spec is None:
-        return prepare_capture(uniform_light(), settings)
-    radiance, _ = capture.read_radiance(frame_path(root, spec.path, 0))
-    return prepare_capture(EnvMap.from_array(radiance, spec.convention).turned(spec.rotation, spec.exposure), settings)
+def _captured(capture: _Capture, frame: int, settings: RelightSettings) -> PreparedLight:
+    return prepare_capture(frame_map(capture.job, capture.job.shot.capture_light, frame), settings)
 
 
 @lru_cache(maxsize=4)

@@ -13,7 +13,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.relight.brdf import alpha_ggx, dielectric_fresnel, schlick_weight
+from yesnt.relight.brdf import alpha_ggx, dielectric_fresnel, disney_diffuse, schlick_weight
 
 Float = NDArray[np.floating]
 
@@ -76,6 +76,17 @@ def albedo_tables() -> AlbedoTables:
     grid = np.broadcast_arrays(roughness[:, None], mu[None, :])
     average = (tables.lookup(white, *grid) * weights * mu).sum(axis=1)
     return AlbedoTables(white, dielectric, schlick, average, tables.fresnel_average)
+
+
+@cache
+def disney_albedo() -> Float:
+    """Directional albedo [R, M] of Burley's diffuse with base colour 1, indexed as the other tables are."""
+    roughness, cos_o = np.linspace(0, 1, _SIZE)[:, None, None], np.linspace(0, 1, _SIZE)[None, :, None] ** 2
+    u1, u2 = hammersley(_SAMPLES)
+    cos_i, azimuth = np.sqrt(u1), np.cos(2 * np.pi * u2)  # cosine-weighted directions
+    cos_vl = cos_i * cos_o + np.sqrt((1 - cos_i**2) * (1 - cos_o**2)) * azimuth
+    cos_d = np.sqrt(np.clip(0.5 * (1 + cos_vl), 0, 1))
+    return np.concatenate([disney_diffuse(cos_i, cos_o, cos_d, r).mean(-1) for r in roughness])
 
 
 def _row(alpha: float, cosine: Float) -> tuple[Float, Float, Float]:

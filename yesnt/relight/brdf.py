@@ -47,6 +47,12 @@ def schlick_weight(cos_d: Float) -> Float:
     return (1 - np.clip(cos_d, 0, 1)) ** 5
 
 
+def disney_diffuse(cos_i: Float, cos_o: Float, cos_d: Float, roughness: Float) -> Float:
+    """Pi times the diffuse f of base colour 1 (Burley 2012, section 5.3): F_D90 = 0.5 + 2 roughness cos_d^2."""
+    grazing = 2 * roughness * np.square(cos_d) - 0.5
+    return (1 + grazing * schlick_weight(cos_i)) * (1 + grazing * schlick_weight(cos_o))
+
+
 def dielectric_fresnel(cos_d: Float, ior: float = IOR) -> Float:
     """Unpolarised reflectance of a smooth dielectric (Walter 2007, eq. 22)."""
     c = np.clip(cos_d, 0, 1)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.color import LUMINANCE_REC709, luminance
-from yesnt.relight.albedo import albedo_tables, energy_terms, multiple_scattering
+from yesnt.relight.albedo import albedo_tables, disney_albedo, energy_terms, multiple_scattering
 from yesnt.relight.brdf import F0_DIELECTRIC
 from yesnt.relight.kernels import DIELECTRIC, IRRADIANCE, METAL_F0, METAL_F90, OPEN_LIGHT, WHITE
 from yesnt.relight.points import Pixels
@@ -91,7 +91,7 @@ def response(sums: F32, pixels: Pixels, brdf: str) -> Response:
     )
 
 
-def normalise(sums: F32, pixels: Pixels, part: slice) -> F32:
+def normalise(sums: F32, pixels: Pixels, part: slice, diffuse: str = "lambert") -> F32:
     """Rescales each lobe so that uniform white gives its exact albedo, [P, 20].
 
     The sum then is a mean of the light, weighted by the lobe, times a tabulated integral: a lobe narrower than the
@@ -101,7 +101,8 @@ def normalise(sums: F32, pixels: Pixels, part: slice) -> F32:
     white, dielectric, schlick = (
         tables.lookup(table, roughness, cos_o) for table in (tables.white, tables.dielectric, tables.schlick)
     )
-    exact = np.stack([np.full_like(white, np.pi), dielectric, white - schlick, schlick], axis=1)
+    rough = np.ones_like(white) if diffuse == "lambert" else tables.lookup(disney_albedo(), roughness, cos_o)
+    exact = np.stack([np.pi * rough, dielectric, white - schlick, schlick], axis=1)
     found = sums[:, WHITE]
     scale = np.where(found > 1e-20, exact / np.maximum(found, 1e-20), 0.0).astype(np.float32)
     return np.concatenate([sums[:, :12] * np.repeat(scale, 3, axis=1), sums[:, 12:] * np.tile(scale, 2)], axis=1)

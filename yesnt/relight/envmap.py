@@ -81,6 +81,33 @@ class EnvMap:
         yaw, pitch, roll = (float(angle) for angle in rotation)
         return replace(self, rotation=(yaw, pitch, roll), exposure=float(exposure))
 
+    def clamped(self, most: float) -> EnvMap:
+        """The same map with no channel above `most`, in the map's own units; texels keep their hue."""
+        top = self.radiance.max(axis=-1, keepdims=True)
+        return replace(self, radiance=self.radiance * np.minimum(1, most / np.maximum(top, 1e-30)).astype(np.float32))
+
+    def seen_from(self, offset: Sequence[float], distance: float) -> EnvMap:
+        """The map as it looks from `offset` [3] world metres beside its place, if all it shows is `distance` away.
+
+        What it shows is taken to lie on a sphere (parallax correction, Lagarde & Zanuttini 2012): a lamp that one walks
+        towards grows.
+
+        Raises:
+            JobError: the offset leads out of that sphere.
+        """
+        place = np.asarray(offset, dtype=np.float64)
+        if not np.linalg.norm(place) < distance:
+            far = float(np.linalg.norm(place))
+            raise JobError(
+                "The actor or the camera stands beyond what the env map shows", f"{far:.2f} m from `captured_at`",
+                f"less than `distance`, {distance:g} m", "mend `captured_at` or `distance`",
+            )  # fmt: skip
+        height, width = self.radiance.shape[:2]
+        ray = uv_to_direction((np.arange(width) + 0.5) / width, (np.arange(height)[:, None] + 0.5) / height)
+        along = ray @ place
+        reach = np.sqrt(along**2 - place @ place + distance**2) - along
+        return EnvMap(self.lookup(place + reach[..., None] * ray))
+
     @property
     def world_from_map(self) -> NDArray[np.float64]:
         """Rotation matrix [3, 3]: a direction in the map's axes to the world."""

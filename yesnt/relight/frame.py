@@ -160,10 +160,10 @@ def integrate(base: F32, pixels: Pixels, occluders: Occluders, light: PreparedLi
     for first in range(0, len(base), settings.tile):
         part = slice(first, min(first + settings.tile, len(base)))
         hidden, bounced = occlusion(occluders, pixels, part, light, glow, settings)
-        lobes = pixels.lobes(part, settings.brdf)
+        lobes = pixels.lobes(part, settings.brdf, settings.diffuse)
         plain = settings.brdf == "paper"
         sums = _engine(settings)(lobes, light, hidden, bounced, not plain)
         if settings.shadows == "single":
             sums[:, LIT] *= single_factor(occluders, pixels, part, light, settings)
-        tiles.append(sums if plain else normalise(sums, pixels, part))
+        tiles.append(sums if plain else normalise(sums, pixels, part, settings.diffuse))
     return np.concatenate(tiles)

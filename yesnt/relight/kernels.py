@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from yesnt.color import LUMINANCE_REC709
 from yesnt.relight.lights import Clusters, PreparedLight
-from yesnt.relight.lobes import add_lobes, scale_lobes, set_frame
+from yesnt.relight.lobes import DISNEY, LAMBERT, NO_DIFFUSE, add_lobes, scale_lobes, set_frame
 
 F32 = NDArray[np.float32]
 
@@ -67,6 +67,7 @@ class ShadingPoints:
         alpha: [P] alpha_ggx.
         dielectric: [P] uint8, 1 where the dielectric lobe is wanted.
         metal: [P] uint8, 1 where the metallic (Schlick) lobe is wanted.
+        disney: the diffuse is Burley's instead of Lambert's.
     """
 
     normal: F32
@@ -74,6 +75,7 @@ class ShadingPoints:
     alpha: F32
     dielectric: NDArray[np.uint8]
     metal: NDArray[np.uint8]
+    disney: bool = False
 
 
 def sum_lobes(
@@ -94,8 +96,8 @@ def sum_lobes(
             of level 0.
 
     Returns:
-        [P, 20]: irradiance, dielectric, F0 and F90 parts of the metallic lobe (RGB each), then the four sums of the
-        open luminance and of uniform white.
+        [P, 20]: irradiance (weighted as the diffuse wants it), dielectric, F0 and F90 parts of the metallic lobe (RGB
+        each), then the four sums of the open luminance and of uniform white.
     """
     count = points.alpha.shape[0]
     out = np.zeros((count, COLUMNS), dtype=np.float32)
@@ -108,7 +110,11 @@ def sum_lobes(
             (texels.rows, texels.packed, texels.start, texels.size),
             (light.cone, light.moment, cluster_rows(light.clusters)),
             (nothing if hidden is None else hidden, glow),
-            (np.float32(light.detail if filtered else _ANY_SIZE), np.float32(WIDEN if filtered else 0.0)),
+            (
+                np.float32(light.detail if filtered else _ANY_SIZE),
+                np.float32(WIDEN if filtered else 0.0),
+                points.disney,
+            ),
             out,
         )
     return out
@@ -141,15 +147,21 @@ def _one_pixel(p, points, texels, clusters, blocked, sizes, scratch, choice, run
     widen = sizes[1] / max(frame[9], np.float32(LEAST_COSINE))
     shut = _hide(blocked[0], p, behind)
     _choose(frame, sizes[0], texels[3], cone, facing, level)
-    _above_the_horizon(cone, clusters[1], facing, behind, frame, out)
-    used = _runs_at_the_horizon(start, cone, facing, behind, runs)
-    _sum_runs(texels, runs, used, scratch, (True, False, False), frame, widen, out)
+    diffuse = DISNEY if sizes[2] else LAMBERT
+    if sizes[2]:
+        level[:] = 0
+        used = _runs_in_sight(start, cone, facing, behind, level, runs)
+        _choose(frame, sizes[0], texels[3], cone, facing, level)
+    else:
+        _above_the_horizon(cone, clusters[1], facing, behind, frame, out)
+        used = _runs_at_the_horizon(start, cone, facing, behind, runs)
+    _sum_runs(texels, runs, used, scratch, (diffuse, False, False), frame, widen, out)
     used = _runs_in_sight(start, cone, facing, behind, level, runs)
-    _sum_runs(texels, runs, used, scratch, (False, dielectric[p] != 0, metal[p] != 0), frame, widen, out)
+    _sum_runs(texels, runs, used, scratch, (NO_DIFFUSE, dielectric[p] != 0, metal[p] != 0), frame, widen, out)
     for k in range(4):  # so far nothing that is hidden
         out[12 + k] = _RED * out[3 * k] + _GREEN * out[3 * k + 1] + _BLUE * out[3 * k + 2]
     if shut:
-        wanted = (True, dielectric[p] != 0, metal[p] != 0)
+        wanted = (diffuse, dielectric[p] != 0, metal[p] != 0)
         _glow(p, clusters[2], behind, blocked[1], frame, widen, wanted, scratch[2], scratch[3], out)
     scale_lobes(out)
 

@@ -28,6 +28,9 @@ FRESNEL = (
     .astype(np.float32)
 )
 _C0, _C1, _C2, _C3, _C4, _C5, _C6, _C7 = (np.float32(c) for c in FRESNEL)  # within 1e-3 of the exact Fresnel
+NO_DIFFUSE, LAMBERT, DISNEY = 0, 1, 2
+"""What `add_lobes` adds to the diffuse column."""
+
 _HALF = np.float32(0.5)
 _ONE = np.float32(1.0)
 _TWO = np.float32(2.0)
@@ -81,11 +84,37 @@ def _cosine_sum(frame, rows, first, last, out):  # type: ignore[no-untyped-def] 
     out[16] += sw
 
 
+@njit(cache=True, fastmath=True, error_model="numpy")
+def _disney_sum(frame, rows, first, last, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """The cosine sum weighted as Burley's diffuse is; brdf.disney_diffuse, with cos_d^2 = |l + v|^2 / 4."""
+    frame = _fixed(frame)
+    x, y, z, red, green, blue, solid, _ = _columns(rows, first, last)
+    half_rough, out_weight = _HALF * math.sqrt(frame[11]), (_ONE - frame[9]) ** 5
+    s0 = s1 = s2 = sw = _ZERO
+    for t in range(x.shape[0]):
+        nl = max(frame[0] * x[t] + frame[1] * y[t] + frame[2] * z[t], _ZERO)
+        along = frame[3] * x[t] + frame[4] * y[t] + frame[5] * z[t] + frame[10]
+        across = frame[6] * x[t] + frame[7] * y[t] + frame[8] * z[t]
+        s, under = nl + frame[9], max(_ONE - nl, _ZERO)
+        grazing = half_rough * (along * along + across * across + s * s) - _HALF
+        in_weight = (under * under) * (under * under) * under
+        w = nl * (_ONE + grazing * in_weight) * (_ONE + grazing * out_weight)
+        s0 += w * red[t]
+        s1 += w * green[t]
+        s2 += w * blue[t]
+        sw += w * solid[t]
+    out[0] += s0
+    out[1] += s1
+    out[2] += s2
+    out[16] += sw
+
+
 @njit(cache=True, fastmath=True, error_model="numpy", inline="always")
 def _fixed(frame):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """The frame as numbers, which stay in registers."""
     return (
-        frame[0], frame[1], frame[2], frame[3], frame[4], frame[5], frame[6], frame[7], frame[8], frame[9], frame[10],
+        frame[0], frame[1], frame[2], frame[3], frame[4], frame[5],
+        frame[6], frame[7], frame[8], frame[9], frame[10], frame[11],
     )  # fmt: skip
 
 
@@ -160,9 +189,11 @@ def _metal_lobe(frame, widen, rows, first, last, out):  # type: ignore[no-untype
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def add_lobes(frame, widen, rows, first, last, wanted, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
-    """Adds the wanted of (irradiance, dielectric, metal) over texels [first, last) of rows [8, N] to out [20]."""
-    if wanted[0]:
+    """Adds the wanted of (diffuse, dielectric, metal) over texels [first, last) of rows [8, N] to out [20]."""
+    if wanted[0] == LAMBERT:
         _cosine_sum(frame, rows, first, last, out)
+    elif wanted[0] == DISNEY:
+        _disney_sum(frame, rows, first, last, out)
     if wanted[1]:
         _dielectric_lobe(frame, widen, rows, first, last, out)
     if wanted[2]:

@@ -53,7 +53,7 @@ class Pixels:
         flat[self.index] = values
         return flat.reshape(*self.shape, *values.shape[1:])
 
-    def lobes(self, part: slice, brdf: str) -> ShadingPoints:
+    def lobes(self, part: slice, brdf: str, diffuse: str = "lambert") -> ShadingPoints:
         """Kernel input of a range of pixels."""
         metallic = self.metallic[part]
         default = brdf == "default"
@@ -63,6 +63,7 @@ class Pixels:
             alpha_ggx(self.roughness[part]).astype(np.float32),
             (metallic < 1).astype(np.uint8) if default else np.zeros(len(metallic), dtype=np.uint8),
             (metallic > 0).astype(np.uint8) if default else np.ones(len(metallic), dtype=np.uint8),
+            diffuse == "disney",
         )
 
 

@@ -10,6 +10,7 @@ from yesnt.errors import JobError
 
 BaseColor = Literal["capture_removed", "plate"]
 Brdf = Literal["default", "paper"]
+Diffuse = Literal["lambert", "disney"]
 Shadows = bool | Literal["single"]
 
 
@@ -20,6 +21,7 @@ class RelightSettings:
     Attributes:
         base_color: "capture_removed" inverts the capture light out of the plate; "plate" is the paper's choice.
         brdf: "default" matches Cycles' Principled; "paper" is the plain formula of method.md section 5.
+        diffuse: "lambert", or "disney": Burley's, flatter and brighter at grazing angles where it is rough.
         shadows: True: one visibility per light cluster; "single": the paper's one factor; False: none.
         texels: directions of the light that relights, dense where it is bright.
         capture_texels: directions of the capture light.
@@ -39,6 +41,7 @@ class RelightSettings:
 
     base_color: BaseColor = "capture_removed"
     brdf: Brdf = "default"
+    diffuse: Diffuse = "lambert"
     shadows: Shadows = True
     texels: int = 2048
     capture_texels: int = 512
@@ -59,6 +62,7 @@ class RelightSettings:
         choices: tuple[tuple[str, tuple[Any, ...]], ...] = (
             ("base_color", ("capture_removed", "plate")),
             ("brdf", ("default", "paper")),
+            ("diffuse", ("lambert", "disney") if self.brdf == "default" else ("lambert",)),
             ("shadows", (True, False, "single")),
             ("engine", ("numba", "torch")),
         )

@@ -46,6 +46,7 @@ def sum_lobes_torch(
             points.alpha[index],
             points.dielectric[index],
             points.metal[index],
+            points.disney,
         )
         shut = None if hidden is None else hidden[index]
         out[index] = sums(part, shut, None if bounce is None else bounce[:, index])
@@ -74,7 +75,7 @@ class _Sums:
 
         normal, view, alpha = self._put(points.normal.T), self._put(points.view.T), self._put(points.alpha)
         wanted = torch.stack([self._put(a).float() for a in (points.dielectric, points.metal, points.metal)])
-        frame = _Frame(normal, view, alpha, wanted, self.widen)
+        frame = _Frame(normal, view, alpha, wanted, self.widen, points.disney)
         shut = torch.zeros((len(alpha), self.cone.shape[1]), device=self.device)
         if hidden is not None:
             shut = self._put(hidden).float()
@@ -117,20 +118,33 @@ class _Frame:
     """Pixels' frames, [P, 3] and [P, 1]; see kernels.py for the form of D."""
 
     def __init__(
-        self, normal: torch.Tensor, view: torch.Tensor, alpha: torch.Tensor, wanted: torch.Tensor, widen: float
+        self,
+        normal: torch.Tensor,
+        view: torch.Tensor,
+        alpha: torch.Tensor,
+        wanted: torch.Tensor,
+        widen: float,
+        disney: bool,
     ) -> None:
         import torch
 
         cosine = (normal * view).sum(1, keepdim=True)
         self.normal, self.alpha, self.wanted, self.widen = normal, alpha[:, None], wanted, widen
+        self.disney = disney
         self.nv = cosine.clamp(COS_MIN, 1.0)
         across = torch.nn.functional.normalize(view - cosine * normal, dim=1)
         self.tangent = across * (1 - self.nv * self.nv).clamp(min=0).sqrt()
         self.mirror = self.nv * normal - self.tangent
 
-    def cosine(self, rows: torch.Tensor) -> torch.Tensor:
-        """n.l [P, T] of texels [8, T] or [P, 8, T], at least 0."""
-        return (self.normal[:, None] @ rows[..., :3, :])[:, 0].clamp(min=0)
+    def diffuse(self, rows: torch.Tensor) -> torch.Tensor:
+        """n.l [P, T] of texels [8, T] or [P, 8, T], at least 0; weighted as Burley's diffuse if that is wanted."""
+        cos_i = (self.normal[:, None] @ rows[..., :3, :])[:, 0].clamp(min=0)
+        if not self.disney:
+            return cos_i
+        view = self.nv * self.normal + self.tangent
+        cos_d = 0.5 * (1 + (view[:, None] @ rows[..., :3, :])[:, 0])  # its square
+        grazing = 2 * self.alpha.sqrt() * cos_d - 0.5
+        return cos_i * (1 + grazing * (1 - cos_i) ** 5) * (1 + grazing * (1 - self.nv) ** 5)
 
     def lobes(self, rows: torch.Tensor) -> list[torch.Tensor]:
         """The three specular lobes times the cosine, [P, T] each."""
@@ -156,7 +170,7 @@ class _Frame:
 
 
 def _add_irradiance(sums: torch.Tensor, frame: _Frame, rows: torch.Tensor, mask: torch.Tensor) -> None:
-    _add(sums, 0, frame.cosine(rows) * mask, rows)
+    _add(sums, 0, frame.diffuse(rows) * mask, rows)
 
 
 def _add_lobes(sums: torch.Tensor, frame: _Frame, rows: torch.Tensor, mask: torch.Tensor) -> None:

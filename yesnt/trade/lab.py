@@ -21,8 +21,8 @@ from yesnt.decompose.reuse import Link, carry_back
 from yesnt.decompose.settings import EnsembleSettings, keyframe_after
 from yesnt.io import capture
 from yesnt.io.jobfile import frame_path
+from yesnt.light_task import frame_map
 from yesnt.session import Session
-from yesnt.tasks import env_map
 from yesnt.temporal import FlowSettings, flow_and_validity, robust_confidence, solve
 
 Float32 = NDArray[np.float32]
@@ -147,7 +147,7 @@ class Lab:
         from yesnt.relight import prepare_capture, prepare_relight
 
         job, settings = self.session.job, self._relight_settings(quality)
-        new, old = (env_map(job.root, spec) for spec in (job.shot.light, job.shot.capture_light))
+        new, old = (frame_map(job, spec, job.frames[0]) for spec in (job.shot.light, job.shot.capture_light))
         return prepare_relight(new, settings), prepare_capture(old, settings)
 
     def _proxy(self, frame: int) -> Any:

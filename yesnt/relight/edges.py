@@ -19,27 +19,41 @@ RADIUS = 2
 
 _MIXED = 0.9  # length of an averaged normal below which two parts differ by more than about 50 degrees
 _CLEAN = 0.95  # above it a pixel is one surface, or a curved one
+_SEAM = 0.5  # of metallic across a pixel: less is a material of its own
+_PURE = 0.05  # of metallic: nearer to a neighbour than this a pixel is all of that neighbour's material
 _COLOUR = 2.0  # weight of a unit of guide colour against a unit of normal in the fit
 _NEARNESS = 0.002  # cost of a squared pixel of distance in the fit
 _GAIN = 2.0  # bound on the detail ratio: beyond, the neighbours do not explain the pixel
 
 
-def resolve_edges(layers: F32, guide: F32, normal: F32, covered: NDArray[np.bool_]) -> F32:
+def resolve_edges(layers: F32, guide: F32, normal: F32, metallic: F32, covered: NDArray[np.bool_]) -> F32:
     """Returns the layers [K, H, W, 3] with mixed pixels resolved; all others are untouched.
 
     Args:
         layers: lit images that share one mixture.
         guide: [H, W, 3] straight colour that the camera saw, or the base colour.
         normal: [H, W, 3] as averaged by the renderer, not normalised; unit normals resolve nothing.
+        metallic: [H, W] as averaged by the renderer: between 0 and 1 beside both, it marks a seam of metal.
         covered: [H, W] which pixels are lit.
     """
     length = np.linalg.norm(normal, axis=-1)
-    rows, columns = np.nonzero(covered & (length < _MIXED) & (length > 1e-6))
+    seam = covered & _seams(metallic, covered)
+    rows, columns = np.nonzero(covered & (length > 1e-6) & ((length < _MIXED) | seam))
     result = np.array(layers, dtype=np.float32, order="C")
     if len(rows):
-        features = np.concatenate([np.float32(_COLOUR) * guide, normal], axis=-1).astype(np.float32)
-        _resolve(np.ascontiguousarray(layers), features, covered & (length > _CLEAN), rows, columns, result)
+        features = np.concatenate([np.float32(_COLOUR) * guide, normal, metallic[..., None]], axis=-1)
+        clean = covered & (length > _CLEAN) & ~seam
+        _resolve(np.ascontiguousarray(layers), features.astype(np.float32), clean, rows, columns, result)
     return result
+
+
+def _seams(metallic: F32, covered: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Pixels whose metallic lies between those of their neighbours [H, W], where these differ by more than half."""
+    from scipy.ndimage import maximum_filter, minimum_filter
+
+    least = minimum_filter(np.where(covered, metallic, 1), 3)
+    most = maximum_filter(np.where(covered, metallic, 0), 3)
+    return (most - least > _SEAM) & (metallic > least + _PURE) & (metallic < most - _PURE)
 
 
 @njit(cache=True, parallel=True, error_model="numpy")

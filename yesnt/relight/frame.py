@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from yesnt.relight.combine import Response, normalise, response, shadow_ratio
 from yesnt.relight.edges import resolve_edges
 from yesnt.relight.envmap import EnvMap
+from yesnt.relight.glow import glow_of
 from yesnt.relight.kernels import COLUMNS, LIT, sum_lobes
 from yesnt.relight.lights import PreparedLight, prepare_light
 from yesnt.relight.occlusion import Occluders, find_occluders, occlusion, single_factor
@@ -137,8 +138,9 @@ def finish_edges(relit: RelitFrame, guide: F32, surface: Surface, settings: Reli
     if not settings.edges:
         return relit
     normal = np.nan_to_num(np.asarray(surface.normal, dtype=np.float32), nan=0.0, posinf=0.0, neginf=0.0)
+    metallic = np.clip(np.nan_to_num(np.asarray(surface.metallic, dtype=np.float32)), 0, 1)
     covered = np.nan_to_num(np.asarray(surface.opacity, dtype=np.float32)) > 0
-    diffuse, specular = resolve_edges(np.stack([relit.diffuse, relit.specular]), guide, normal, covered)
+    diffuse, specular = resolve_edges(np.stack([relit.diffuse, relit.specular]), guide, normal, metallic, covered)
     return replace(relit, diffuse=diffuse, specular=specular)
 
 
@@ -154,8 +156,7 @@ def integrate(base: F32, pixels: Pixels, occluders: Occluders, light: PreparedLi
     """Lobe sums [P, 20] of all pixels, a tile at a time so that memory stays bounded."""
     glow = None
     if occluders.proxy is not None and settings.bounce > 0:
-        albedo = occluders.proxy.paint(occluders.shown, base * (1 - pixels.metallic[:, None]))
-        glow = occluders.proxy.radiance(light.coarse, albedo, settings.bounce, settings.offset)
+        glow = glow_of(occluders.proxy, pixels, occluders.shown, base, light, settings.bounce, settings.offset)
     tiles = [np.zeros((0, COLUMNS), dtype=np.float32)]
     for first in range(0, len(base), settings.tile):
         part = slice(first, min(first + settings.tile, len(base)))

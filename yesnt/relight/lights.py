@@ -48,7 +48,7 @@ class Clusters:
         return self.direction.shape[1]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PreparedLight:
     """A map as the kernels read it.
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from yesnt.relight.glow import Glow
 from yesnt.relight.lights import PreparedLight
 from yesnt.relight.march import DepthScene, depth_scene, march
 from yesnt.relight.points import Pixels, Surface
@@ -66,7 +67,12 @@ def _seen_triangle(proxy: ProxyScene, eye: F32, pixels: Pixels) -> tuple[NDArray
 
 
 def occlusion(
-    occluders: Occluders, pixels: Pixels, part: slice, light: PreparedLight, glow: F32 | None, settings: RelightSettings
+    occluders: Occluders,
+    pixels: Pixels,
+    part: slice,
+    light: PreparedLight,
+    glow: Glow | None,
+    settings: RelightSettings,
 ) -> tuple[NDArray[np.bool_] | None, F32 | None]:
     """Hidden clusters [P, C] and bounced radiance [3, P, C] of a range of pixels, None where there is nothing to say.
 
@@ -75,13 +81,13 @@ def occlusion(
         pixels: of the frame.
         part: range of pixels.
         light: whose clusters are asked for.
-        glow: [F + 1, 3] exitant radiance of the proxy's triangles, None for black ones.
+        glow: what the proxy's triangles send out, None for black ones.
         settings: of the stage.
     """
     origins, normals = occluders.origins[part], pixels.normal[part]
     if occluders.proxy is not None:
         hits = occluders.proxy.cluster_hits(origins, normals, light.clusters)
-        bounced = None if glow is None else np.stack([glow[hits, k] for k in range(3)])
+        bounced = None if glow is None else glow.towards(hits, light.clusters.direction)
         return hits != OPEN, bounced
     if occluders.depth is None or settings.shadows == "single":
         return None, None

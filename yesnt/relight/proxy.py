@@ -108,38 +108,35 @@ class ProxyScene:
             hits[part].reshape(-1)[where] = self.first_hits(start, along)
         return hits
 
-    def radiance(self, light: Clusters, albedo: F32, bounces: int, offset: float) -> F32:
-        """Exitant radiance of every triangle [F + 1, 3] after `bounces` diffuse bounces; row -1 (OPEN) is 0.
+    def gather(self, light: Clusters, albedo: F32, bounces: int, offset: float) -> tuple[F32, I32]:
+        """What arrives at every triangle after `bounces` - 1 diffuse bounces, over pi: [F, 3]; and its hits [F, C].
 
         Radiosity by gathering (Cohen & Greenberg 1985) with the light's clusters as directions: no noise.
         """
-        result = np.zeros((len(self.faces) + 1, 3), dtype=np.float32)
-        if bounces < 1:
-            return result
         hits = self.cluster_hits(self.centres + self.normals * np.float32(offset), self.normals, light)
         cosine = np.maximum(self.normals @ light.direction, 0)
-        direct = (cosine * (hits == OPEN)) @ light.energy.T
-        solid = cosine * light.solid_angle
-        result[:-1] = albedo / np.pi * direct
+        direct = (cosine * (hits == OPEN)) @ light.energy.T / np.float32(np.pi)
+        solid = cosine * light.solid_angle / np.float32(np.pi)
+        arrives, sent = direct, np.zeros((len(self.faces) + 1, 3), dtype=np.float32)
         for _ in range(bounces - 1):
-            gathered = np.stack([(solid * result[hits, k]).sum(axis=1) for k in range(3)], axis=-1)
-            result[:-1] = albedo / np.pi * (direct + gathered)
-        return result
+            sent[:-1] = albedo * arrives
+            arrives = direct + np.stack([(solid * sent[hits, k]).sum(axis=1) for k in range(3)], axis=-1)
+        return arrives, hits
 
-    def paint(self, hits: I32, colour: F32) -> F32:
-        """Colours of all triangles [F, 3] from pixels [P, 3] and the triangle each pixel shows [P].
+    def paint(self, hits: I32, features: F32) -> F32:
+        """Features of all triangles [F, K] from those of pixels [P, K] and the triangle each pixel shows [P].
 
-        Triangles that no pixel shows take the colour of the nearest shown one; with none shown, the pixels' mean.
+        Triangles that no pixel shows take the features of the nearest shown one; with none shown, the pixels' mean.
         """
         from scipy.spatial import cKDTree
 
         seen = hits >= 0
-        size = len(self.faces)
+        size, kinds = len(self.faces), features.shape[1]
         count = np.bincount(hits[seen], minlength=size)
-        total = np.stack([np.bincount(hits[seen], colour[seen, k], minlength=size) for k in range(3)], axis=-1)
+        total = np.stack([np.bincount(hits[seen], features[seen, k], minlength=size) for k in range(kinds)], axis=-1)
         if not count.any():
-            mean = colour.mean(axis=0) if len(colour) else np.zeros(3)
-            return np.broadcast_to(mean, (size, 3)).astype(np.float32)
+            mean = features.mean(axis=0) if len(features) else np.zeros(kinds)
+            return np.broadcast_to(mean, (size, kinds)).astype(np.float32)
         shown = np.flatnonzero(count)
         known = total[shown] / count[shown, None]
         _, nearest = cKDTree(self.centres[shown]).query(self.centres)

@@ -1,0 +1,171 @@
+"""What the proxy sends back to a pixel that it hides the light from: diffuse bounces, and what its metal mirrors.
+
+A metal has no diffuse colour, so that radiosity alone would show it black in another metal. To a pixel a metal triangle
+shows the map, filtered by the triangle's own lobe, along the mirrored direction; or, where the triangle is hidden from
+there, what hides it, as a diffuse surface of the same colour.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+
+from yesnt.relight.combine import normalise
+from yesnt.relight.envmap import uv_to_direction
+from yesnt.relight.kernels import METAL_F0, METAL_F90, sum_lobes
+from yesnt.relight.lights import PreparedLight
+from yesnt.relight.points import Pixels
+from yesnt.relight.proxy import OPEN, ProxyScene
+
+F32 = NDArray[np.float32]
+I32 = NDArray[np.int32]
+
+LEVELS = (0.1, 0.25, 0.4, 0.6, 1.0)
+"""Roughness that the mirrored map is filtered for: its lobe at normal incidence."""
+
+ROWS = 48
+"""Rows of the filtered maps: 3.75 degrees, finer than a light cluster."""
+
+
+@dataclass(frozen=True)
+class MirroredLight:
+    """A map as metal triangles show it.
+
+    Attributes:
+        radiance: [L, ROWS, 2 ROWS, 3] filtered by the lobes of LEVELS; world axes, the product's layout.
+        cluster: [ROWS, 2 ROWS] the coarse cluster that each direction belongs to.
+    """
+
+    radiance: F32
+    cluster: I32
+
+
+@dataclass(frozen=True)
+class Glow:
+    """The proxy under one light.
+
+    Attributes:
+        radiance: [F + 1, 3] exitant, of the diffuse part; row -1 (OPEN) is 0.
+        tint: [F + 1, 3] base colour times metallic; row -1 is 0.
+        metallic: [F].
+        normal: [F, 3] unit.
+        level: [F] index into LEVELS.
+        seen: [F, C, 3] radiance that comes to a triangle from hidden coarse clusters; negative where they are open.
+        light: what it mirrors.
+    """
+
+    radiance: F32
+    tint: F32
+    metallic: F32
+    normal: F32
+    level: I32
+    seen: F32
+    light: MirroredLight
+
+    def towards(self, hits: I32, directions: F32) -> F32:
+        """Radiance [3, P, C] that pixels see along cluster directions [3, C] that end on triangles `hits` [P, C]."""
+        out = np.zeros((3, *hits.shape), dtype=np.float32)
+        mirrored = self.light.radiance, self.light.cluster, self.seen
+        _towards(hits, directions, self.radiance, (self.tint, self.metallic, self.normal, self.level), mirrored, out)
+        return out
+
+
+def glow_of(
+    proxy: ProxyScene, pixels: Pixels, shown: I32, base: F32, light: PreparedLight, bounces: int, offset: float
+) -> Glow:
+    """The glow of a proxy whose triangles take the materials of the pixels [P] that show them.
+
+    Args:
+        proxy: the mesh.
+        pixels: of the frame.
+        shown: [P] triangle behind each pixel.
+        base: [P, 3] base colour of the pixels.
+        light: that falls on the proxy.
+        bounces: diffuse bounces, at least 1.
+        offset: metres that rays start in front of a triangle.
+    """
+    metallic = pixels.metallic[:, None]
+    features = np.concatenate([base * (1 - metallic), base * metallic, pixels.roughness[:, None], metallic], axis=1)
+    painted = proxy.paint(shown, features)
+    diffuse, tint, roughness = painted[:, :3], painted[:, 3:6], painted[:, 6]
+    arrives, hits = proxy.gather(light.coarse, diffuse + tint, bounces, offset)
+    sent = np.concatenate([(diffuse + tint) * arrives, np.zeros((1, 3), np.float32)]).astype(np.float32)
+    nothing = np.zeros((1, 3), np.float32)
+    level = np.abs(roughness[:, None] - np.array(LEVELS, np.float32)).argmin(axis=1).astype(np.int32)
+    seen = np.where((hits == OPEN)[..., None], np.float32(-1), sent[hits])
+    shining = np.concatenate([diffuse * arrives, nothing]).astype(np.float32)
+    tinted = np.concatenate([tint, nothing]).astype(np.float32)
+    return Glow(shining, tinted, painted[:, 7], proxy.normals, level, seen, mirrored_light(light))
+
+
+@lru_cache(maxsize=4)
+def mirrored_light(light: PreparedLight) -> MirroredLight:
+    """A light filtered for every level; once per light."""
+    down, across = (np.arange(ROWS)[:, None] + 0.5) / ROWS, (np.arange(2 * ROWS) + 0.5) / (2 * ROWS)
+    direction = uv_to_direction(across, down).reshape(-1, 3).astype(np.float32)
+    size, full = len(direction), np.ones(len(direction), np.float32)
+    radiance = []
+    pixels = Pixels(np.arange(size), (1, size), direction, direction, direction, full, full)
+    for roughness in LEVELS:
+        level, whole = replace(pixels, roughness=full * np.float32(roughness)), slice(0, size)
+        sums = normalise(sum_lobes(level.lobes(whole, "default"), light, None, None), level, whole)
+        radiance.append(sums[:, METAL_F0] + sums[:, METAL_F90])
+    white = np.maximum(_albedo_at_normal(), 1e-3)[:, None, None, None]
+    nearest = _nearest(direction, light).reshape(ROWS, 2 * ROWS)
+    filtered = np.stack(radiance).reshape(len(LEVELS), ROWS, 2 * ROWS, 3) / white
+    return MirroredLight(filtered.astype(np.float32), nearest)
+
+
+def _albedo_at_normal() -> F32:
+    from yesnt.relight.albedo import albedo_tables
+
+    tables, full = albedo_tables(), np.ones(len(LEVELS))
+    return tables.lookup(tables.white, np.array(LEVELS), full).astype(np.float32)
+
+
+def _nearest(direction: F32, light: PreparedLight) -> I32:
+    """Coarse cluster of each direction [N]: the one that lies nearest, in its own angular radii."""
+    cosine = np.clip(direction @ light.coarse.direction, -1, 1)
+    radius = np.sqrt(light.coarse.solid_angle / np.pi)
+    return (np.arccos(cosine) / radius).argmin(axis=1).astype(np.int32)
+
+
+@njit(cache=True, parallel=True, error_model="numpy")
+def _towards(hits, directions, radiance, metal, mirrored, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    tint, metallic, normal, level = metal
+    for p in prange(hits.shape[0]):
+        for c in range(hits.shape[1]):
+            face = hits[p, c]
+            if face < 0:
+                continue
+            for k in range(3):
+                out[k, p, c] = radiance[face, k]
+            if tint[face, 0] + tint[face, 1] + tint[face, 2] > np.float32(1e-3):
+                row, column = _mirrored(directions, c, normal, face, mirrored[0].shape[1])
+                facing = np.float32(0)
+                for k in range(3):
+                    facing -= directions[k, c] * normal[face, k]
+                grazing = (np.float32(1) - min(max(facing, np.float32(0)), np.float32(1))) ** 5
+                for k in range(3):
+                    from_there = mirrored[2][face, mirrored[1][row, column], k]
+                    if from_there < 0:
+                        from_there = mirrored[0][level[face], row, column, k]
+                    reflected = tint[face, k] + grazing * (metallic[face] - tint[face, k])
+                    out[k, p, c] += reflected * from_there
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _mirrored(directions, c, normal, face, rows):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Cell of the filtered maps that direction c, mirrored at a face, points to."""
+    dx, dy, dz = directions[0, c], directions[1, c], directions[2, c]
+    nx, ny, nz = normal[face, 0], normal[face, 1], normal[face, 2]
+    along = np.float32(2) * (dx * nx + dy * ny + dz * nz)
+    x, y, z = dx - along * nx, dy - along * ny, dz - along * nz
+    v = np.arctan2(np.sqrt(x * x + y * y), z) / np.pi
+    u = np.float32(0.5) - np.arctan2(y, x) / (np.float32(2) * np.pi)
+    row = min(int(v * rows), rows - 1)
+    return row, min(int(u * 2 * rows), 2 * rows - 1)

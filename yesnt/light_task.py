@@ -108,7 +108,7 @@ def _seen(known: _Known, place: tuple[float, ...] | None) -> EnvMap:
     env, spec = _map(known), known.spec
     if place is None or spec is None or spec.captured_at is None or spec.distance is None:
         return env
-    return env.seen_from(np.subtract(place, spec.captured_at), spec.distance)
+    return env.seen_from([a - b for a, b in zip(place, spec.captured_at, strict=True)], spec.distance)
 
 
 @lru_cache(maxsize=4)

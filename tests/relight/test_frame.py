@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -100,6 +102,44 @@ def test_static_in_static_out(quality, shadows):
     assert len({run.radiance.tobytes() + run.shadow.tobytes() for run in runs}) == 1
 
 
+@pytest.mark.parametrize("quality", ["draft", "standard", "final", "reference"])
+def test_a_static_frame_under_a_static_light_gives_identical_bits_at_every_quality(quality):
+    """Two frames of one camera, everything made anew: plate inverted, shadows and bounces off the proxy, edges."""
+    gbuffer, cam, proxy = floor_and_block()
+    gbuffer.roughness[:10], gbuffer.metallic[:, :10] = 0.1, 1.0
+    cam = replace(cam, poses={1: cam.poses[1], 2: cam.poses[1]})
+    settings, bits = RelightSettings.from_quality(quality), set()
+    for frame in (1, 2):
+        env, capture = prepare_relight(sky(32), settings), prepare_capture(sky(8, seed=1), settings)
+        inputs = FrameInputs(gbuffer.base_color, surface(gbuffer, cam, frame))
+        relit = relight_frame(inputs, env, capture, replace(proxy), settings)
+        bits.add(b"".join(image.tobytes() for image in (relit.base_color, relit.diffuse, relit.specular, relit.shadow)))
+    assert len(bits) == 1
+
+
+def test_metal_seen_in_metal_shows_what_it_mirrors():
+    """A mirror below a mirror of base colour 0.5 under uniform light 1 shows 0.5 x 0.5 there, not black."""
+    gbuffer, cam, proxy = floor_and_block()
+    gbuffer.metallic[:], gbuffer.roughness[:] = 1.0, 0.1
+    env = EnvMap.from_array(np.ones((16, 32, 3)))
+    settings = RelightSettings.from_quality("draft", base_color="plate", edges=False, bounce=1)
+    relit = relight(gbuffer.base_color, gbuffer, cam, env, env, settings, proxy).radiance[..., 0]
+    assert 0.2 < relit[10, 10] < 0.32
+    assert np.isclose(relit[0, 0], 0.5, atol=0.05)
+
+
+def test_a_sharp_pixel_sees_an_occluder_along_its_mirrored_view():
+    """A lamp of one texel straight up, behind the block: hidden from the middle, seen from the corner."""
+    gbuffer, cam, proxy = floor_and_block()
+    gbuffer.metallic[:], gbuffer.roughness[:] = 1.0, 0.05
+    env = EnvMap.from_array(np.ones((16, 32, 3)))
+    few = {"base_color": "plate", "edges": False, "bounce": 0, "clusters": 8, "texels": 64}
+    relit = relight(gbuffer.base_color, gbuffer, cam, env, env, RelightSettings.from_quality("draft", **few), proxy)
+    shadow = relit.shadow
+    assert shadow[10, 10] < 0.1
+    assert shadow[0, 0] > 0.9
+
+
 def test_a_tile_more_or_less_changes_no_bit():
     gbuffer, cam, proxy = floor_and_block()
     plate = np.full((20, 20, 3), 0.5, np.float32)
@@ -174,6 +214,28 @@ def test_averaged_normals_take_the_light_of_the_surfaces_that_they_mix():
     assert np.array_equal(edge[:, :12], whole[:, :12])
 
 
+def test_a_seam_of_metal_takes_the_light_of_both_sides():
+    gbuffer, cam = sphere((24, 24))
+    images = {
+        **vars(gbuffer),
+        "opacity": np.ones((24, 24), np.float32),
+        "roughness": np.full((24, 24), 0.2, np.float32),
+    }
+    images["normal"] = np.broadcast_to(np.float32([0.0, -1.0, 0.0]), (24, 24, 3)).copy()
+    metallic = np.zeros((24, 24), np.float32)
+    metallic[:, 12:] = 1.0
+    images["base_color"] = np.where(metallic[..., None] > 0, np.float32([0.9, 0.7, 0.3]), np.float32([0.1, 0.2, 0.6]))
+    whole = shade(GBuffer(**{**images, "metallic": metallic}), sky(), cam, "draft", False).radiance
+    metallic, images["base_color"] = metallic.copy(), images["base_color"].copy()
+    metallic[:, 12] = 0.5
+    images["base_color"][:, 12] = (0.5, 0.45, 0.45)
+    mixed = GBuffer(**{**images, "metallic": metallic})
+    middle = 0.5 * (whole[:, 11] + whole[:, 13])
+    resolved, plain = (shade(mixed, sky(), cam, s, False).radiance for s in ("draft", DRAFT))
+    assert np.abs(resolved[:, 12] - middle).mean() < 0.7 * np.abs(plain[:, 12] - middle).mean()
+    assert np.array_equal(resolved[:, :12], whole[:, :12])
+
+
 def test_settings_refuse_what_they_do_not_know():
     with pytest.raises(JobError, match="Quality 'fast' is unknown"):
         RelightSettings.from_quality("fast")
@@ -181,6 +243,8 @@ def test_settings_refuse_what_they_do_not_know():
         RelightSettings.from_quality("draft", sampels=3)
     with pytest.raises(JobError, match="`clusters` cannot be 0"):
         RelightSettings.from_quality("draft", clusters=0)
+    with pytest.raises(JobError, match="`diffuse` cannot be 'disney'"):
+        RelightSettings.from_quality("draft", brdf="paper", diffuse="disney")
     with pytest.raises(JobError, match="triangle mesh"):
         ProxyScene.from_arrays(np.zeros((3, 2)), [[0, 1, 2]])
     with pytest.raises(JobError, match="lacks"):

@@ -66,11 +66,24 @@ class Glow:
     seen: F32
     light: MirroredLight
 
-    def towards(self, hits: I32, directions: F32) -> F32:
-        """Radiance [3, P, C] that pixels see along cluster directions [3, C] that end on triangles `hits` [P, C]."""
+    def towards(self, hits: I32, directions: F32, mirror: F32, own: I32) -> F32:
+        """Radiance [3, P, C] that pixels see where they look towards light clusters and meet triangles.
+
+        Args:
+            hits: [P, C] triangles, OPEN where there is none.
+            directions: [3, C] of the clusters.
+            mirror: [P, 3] directions that pixels look along instead, in one cluster of theirs:
+            own: [P] that cluster, -1 for none.
+        """
         out = np.zeros((3, *hits.shape), dtype=np.float32)
         mirrored = self.light.radiance, self.light.cluster, self.seen
-        _towards(hits, directions, self.radiance, (self.tint, self.metallic, self.normal, self.level), mirrored, out)
+        _towards(
+            (hits, directions, mirror, own),
+            self.radiance,
+            (self.tint, self.metallic, self.normal, self.level),
+            mirrored,
+            out,
+        )
         return out
 
 
@@ -115,7 +128,7 @@ def mirrored_light(light: PreparedLight) -> MirroredLight:
         sums = normalise(sum_lobes(level.lobes(whole, "default"), light, None, None), level, whole)
         radiance.append(sums[:, METAL_F0] + sums[:, METAL_F90])
     white = np.maximum(_albedo_at_normal(), 1e-3)[:, None, None, None]
-    nearest = _nearest(direction, light).reshape(ROWS, 2 * ROWS)
+    nearest = light.coarse.nearest(direction).reshape(ROWS, 2 * ROWS)
     filtered = np.stack(radiance).reshape(len(LEVELS), ROWS, 2 * ROWS, 3) / white
     return MirroredLight(filtered.astype(np.float32), nearest)
 
@@ -127,15 +140,9 @@ def _albedo_at_normal() -> F32:
     return tables.lookup(tables.white, np.array(LEVELS), full).astype(np.float32)
 
 
-def _nearest(direction: F32, light: PreparedLight) -> I32:
-    """Coarse cluster of each direction [N]: the one that lies nearest, in its own angular radii."""
-    cosine = np.clip(direction @ light.coarse.direction, -1, 1)
-    radius = np.sqrt(light.coarse.solid_angle / np.pi)
-    return (np.arccos(cosine) / radius).argmin(axis=1).astype(np.int32)
-
-
 @njit(cache=True, parallel=True, error_model="numpy")
-def _towards(hits, directions, radiance, metal, mirrored, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _towards(rays, radiance, metal, mirrored, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    hits, directions, mirror, own = rays
     tint, metallic, normal, level = metal
     for p in prange(hits.shape[0]):
         for c in range(hits.shape[1]):
@@ -145,11 +152,14 @@ def _towards(hits, directions, radiance, metal, mirrored, out):  # type: ignore[
             for k in range(3):
                 out[k, p, c] = radiance[face, k]
             if tint[face, 0] + tint[face, 1] + tint[face, 2] > np.float32(1e-3):
-                row, column = _mirrored(directions, c, normal, face, mirrored[0].shape[1])
-                facing = np.float32(0)
-                for k in range(3):
-                    facing -= directions[k, c] * normal[face, k]
-                grazing = (np.float32(1) - min(max(facing, np.float32(0)), np.float32(1))) ** 5
+                dx, dy, dz = directions[0, c], directions[1, c], directions[2, c]
+                if c == own[p]:
+                    dx, dy, dz = mirror[p, 0], mirror[p, 1], mirror[p, 2]
+                nx, ny, nz = normal[face, 0], normal[face, 1], normal[face, 2]
+                facing = dx * nx + dy * ny + dz * nz
+                turned = (dx - 2 * facing * nx, dy - 2 * facing * ny, dz - 2 * facing * nz)
+                row, column = _cell(turned, mirrored[0].shape[1])
+                grazing = (np.float32(1) - min(max(-facing, np.float32(0)), np.float32(1))) ** 5
                 for k in range(3):
                     from_there = mirrored[2][face, mirrored[1][row, column], k]
                     if from_there < 0:
@@ -159,13 +169,9 @@ def _towards(hits, directions, radiance, metal, mirrored, out):  # type: ignore[
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _mirrored(directions, c, normal, face, rows):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Cell of the filtered maps that direction c, mirrored at a face, points to."""
-    dx, dy, dz = directions[0, c], directions[1, c], directions[2, c]
-    nx, ny, nz = normal[face, 0], normal[face, 1], normal[face, 2]
-    along = np.float32(2) * (dx * nx + dy * ny + dz * nz)
-    x, y, z = dx - along * nx, dy - along * ny, dz - along * nz
+def _cell(direction, rows):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Row and column of a lat-long map of `rows` rows that a direction points to."""
+    x, y, z = direction
     v = np.arctan2(np.sqrt(x * x + y * y), z) / np.pi
     u = np.float32(0.5) - np.arctan2(y, x) / (np.float32(2) * np.pi)
-    row = min(int(v * rows), rows - 1)
-    return row, min(int(u * 2 * rows), 2 * rows - 1)
+    return min(int(v * rows), rows - 1), min(int(u * 2 * rows), 2 * rows - 1)

@@ -47,6 +47,11 @@ class Clusters:
         """Number of clusters."""
         return self.direction.shape[1]
 
+    def nearest(self, direction: F32) -> NDArray[np.int32]:
+        """The cluster that each unit direction [N, 3] lies in: the nearest one, counted in its own angular radii."""
+        apart = (1 - direction @ self.direction) / self.solid_angle
+        return apart.argmin(axis=1).astype(np.int32)
+
 
 @dataclass(frozen=True, eq=False)
 class PreparedLight:

@@ -8,13 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.relight.glow import Glow
-from yesnt.relight.lights import PreparedLight
+from yesnt.relight.lights import Clusters, PreparedLight
 from yesnt.relight.march import DepthScene, depth_scene, march
 from yesnt.relight.points import Pixels, Surface
 from yesnt.relight.proxy import OPEN, ProxyScene
 from yesnt.relight.settings import RelightSettings
 
 F32 = NDArray[np.float32]
+I32 = NDArray[np.int32]
+
+SHARP = 0.3
+"""Roughness below which a lobe, 2 r^2 wide, is narrower than a light cluster, and sees single occluders."""
 
 _MAIN = 8  # brightest clusters that stand for "the light" in the single factor
 
@@ -87,11 +91,30 @@ def occlusion(
     origins, normals = occluders.origins[part], pixels.normal[part]
     if occluders.proxy is not None:
         hits = occluders.proxy.cluster_hits(origins, normals, light.clusters)
-        bounced = None if glow is None else glow.towards(hits, light.clusters.direction)
+        mirror = _mirror_rays(occluders.proxy, origins, pixels, part, light.clusters, hits)
+        bounced = None if glow is None else glow.towards(hits, light.clusters.direction, *mirror)
         return hits != OPEN, bounced
     if occluders.depth is None or settings.shadows == "single":
         return None, None
     return march(occluders.depth, origins, normals, light.clusters.direction, settings.march_steps), None
+
+
+def _mirror_rays(
+    proxy: ProxyScene, origins: F32, pixels: Pixels, part: slice, clusters: Clusters, hits: I32
+) -> tuple[F32, I32]:
+    """Lets sharp pixels see along their mirrored view what is there, instead of at the middle of a cluster.
+
+    Writes what that ray hits into `hits` [P, C], for the cluster that it points to; returns the rays' directions [P, 3]
+    and these clusters [P], -1 for pixels that are not sharp.
+    """
+    normal, view = pixels.normal[part], pixels.view[part]
+    own = np.full(len(normal), -1, dtype=np.int32)
+    along = (2 * (normal * view).sum(axis=1, keepdims=True) * normal - view).astype(np.float32)
+    sharp = np.flatnonzero((pixels.roughness[part] < SHARP) & ((along * normal).sum(axis=1) > 0))
+    if len(sharp):
+        own[sharp] = clusters.nearest(along[sharp])
+        hits[sharp, own[sharp]] = proxy.first_hits(origins[sharp], along[sharp])
+    return along, own
 
 
 def single_factor(

@@ -241,3 +241,15 @@ def test_directions_of_the_helper_are_the_products() -> None:
     u, v = direction_to_uv(directions())
     assert np.allclose(u[0], (np.arange(2 * ROWS) + 0.5) / (2 * ROWS))
     assert np.allclose(v[:, 0], (np.arange(ROWS) + 0.5) / ROWS)
+
+
+def test_plan_reads_the_passes_and_leaves_out_what_they_lack(tmp_path: Path) -> None:
+    path = write_tiny_shot(tmp_path, 2, (20, 16))
+    left_out = " ".join(forecast(Session(path)).left_out)
+    assert "metallic lobe" not in left_out
+    for frame in (1001, 1002):
+        passes = {"roughness.Y": np.full((16, 20), 0.5, np.float16), "metallic.Y": np.zeros((16, 20), np.float16)}
+        write_exr(tmp_path / f"material.{frame}.exr", passes)
+    left_out = " ".join(forecast(Session(path)).left_out)
+    assert "metallic lobe: no pixel is metallic" in left_out
+    assert "texels of several sizes: roughness is 0.50 everywhere" in left_out

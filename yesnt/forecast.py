@@ -8,12 +8,15 @@ from dataclasses import asdict, dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from yesnt import settings as of
 from yesnt.audit import DONE, states
 from yesnt.chunks import ROUND
 from yesnt.driver import is_done
 from yesnt.evaluations import Evaluations, forecast_evaluations
 from yesnt.graph import Graph, Node
+from yesnt.io import capture
 from yesnt.light_task import frame_map
 from yesnt.preflight import inspect
 from yesnt.session import Session
@@ -205,5 +208,21 @@ def _relight_terms(session: Session) -> tuple[Requirement, ...]:
     shot, settings = session.job.shot, of.relight_settings(session.job.shot)
     first = session.job.frames[0]
     light = prepare_relight(frame_map(session.job, shot.light, first), settings)
-    capture = prepare_capture(frame_map(session.job, shot.capture_light, first), settings)
-    return requirements(SceneFacts(light, capture, shot.proxy is not None), settings)
+    captured = prepare_capture(frame_map(session.job, shot.capture_light, first), settings)
+    return requirements(SceneFacts(light, captured, shot.proxy is not None, *_material_ranges(session)), settings)
+
+
+def _material_ranges(session: Session) -> tuple[tuple[float, float] | None, tuple[float, float] | None]:
+    """Smallest and largest roughness and metallic inside the mattes, of passes that the job brings; else unknown."""
+    job = session.job
+    if job.shot.decompose.path is None:
+        return None, None
+    least, most = np.full(2, np.inf), np.full(2, -np.inf)
+    for frame in job.frames:
+        inside = capture.read_passes(job, frame)[0][:, capture.read_matte(job, frame) > 0]
+        if inside.size:
+            least, most = np.minimum(least, inside.min(axis=1)), np.maximum(most, inside.max(axis=1))
+    if not np.isfinite(least).all():
+        return None, None
+    roughness, metallic = zip(least.tolist(), most.tolist(), strict=True)
+    return roughness, metallic

@@ -74,7 +74,7 @@ def prepare_capture(env: EnvMap, settings: RelightSettings) -> PreparedLight:
 def _grid(settings: RelightSettings) -> dict[str, Any]:
     """The plain formula sums a small map as it is; otherwise it is subdivided, which changes nothing but the error."""
     least = 1 if settings.brdf == "paper" else LEAST_ROWS
-    return {"rows": settings.rows, "least": least, "detail": settings.detail}
+    return {"rows": settings.rows, "least": least, "detail": settings.detail, "error": settings.error}
 
 
 def relight_frame(
@@ -156,7 +156,7 @@ def integrate(base: F32, pixels: Pixels, occluders: Occluders, light: PreparedLi
     """Lobe sums [P, 20] of all pixels, a tile at a time so that memory stays bounded."""
     glow = None
     if occluders.proxy is not None and settings.bounce > 0:
-        glow = glow_of(occluders.proxy, pixels, occluders.shown, base, light, settings.bounce, settings.offset)
+        glow = glow_of(occluders.proxy, pixels, occluders.shown, base, light, settings)
     tiles = [np.zeros((0, COLUMNS), dtype=np.float32)]
     for first in range(0, len(base), settings.tile):
         part = slice(first, min(first + settings.tile, len(base)))

@@ -20,6 +20,7 @@ from yesnt.relight.kernels import METAL_F0, METAL_F90, sum_lobes
 from yesnt.relight.lights import PreparedLight
 from yesnt.relight.points import Pixels
 from yesnt.relight.proxy import OPEN, ProxyScene
+from yesnt.relight.settings import RelightSettings
 
 F32 = NDArray[np.float32]
 I32 = NDArray[np.int32]
@@ -88,7 +89,7 @@ class Glow:
 
 
 def glow_of(
-    proxy: ProxyScene, pixels: Pixels, shown: I32, base: F32, light: PreparedLight, bounces: int, offset: float
+    proxy: ProxyScene, pixels: Pixels, shown: I32, base: F32, light: PreparedLight, settings: RelightSettings
 ) -> Glow:
     """The glow of a proxy whose triangles take the materials of the pixels [P] that show them.
 
@@ -98,14 +99,13 @@ def glow_of(
         shown: [P] triangle behind each pixel.
         base: [P, 3] base colour of the pixels.
         light: that falls on the proxy.
-        bounces: diffuse bounces, at least 1.
-        offset: metres that rays start in front of a triangle.
+        settings: of the stage; at least one bounce.
     """
     metallic = pixels.metallic[:, None]
     features = np.concatenate([base * (1 - metallic), base * metallic, pixels.roughness[:, None], metallic], axis=1)
     painted = proxy.paint(shown, features)
     diffuse, tint, roughness = painted[:, :3], painted[:, 3:6], painted[:, 6]
-    arrives, hits = proxy.gather(light.coarse, diffuse + tint, bounces, offset)
+    arrives, hits = proxy.gather(light.coarse, diffuse + tint, settings.bounce, settings.offset, settings.error)
     sent = np.concatenate([(diffuse + tint) * arrives, np.zeros((1, 3), np.float32)]).astype(np.float32)
     nothing = np.zeros((1, 3), np.float32)
     level = np.abs(roughness[:, None] - np.array(LEVELS, np.float32)).argmin(axis=1).astype(np.int32)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from yesnt.color import luminance
 from yesnt.relight.envmap import EnvMap, cell_moments
+from yesnt.relight.predict import cluster_error, enough_clusters, light_radius
 from yesnt.relight.texels import LANES, Texels, assemble, box_sums, centroid, cut_levels, spread
 from yesnt.relight.tree import Box, grow, importance
 
@@ -66,6 +67,7 @@ class PreparedLight:
             cluster: the irradiance of a cluster above the horizon is linear in the normal.
         detail: angular size of a texel over the width of the lobe where it lies, at most.
         env: the map itself.
+        shadow_error: predicted display error of one visibility a cluster.
     """
 
     texels: Texels
@@ -75,13 +77,21 @@ class PreparedLight:
     moment: F32
     detail: float
     env: EnvMap
+    shadow_error: float = 0.0
 
 
 def prepare_light(
-    env: EnvMap, texels: int, clusters: int, rows: int = GRID_ROWS, least: int = 1, detail: float = DETAIL
+    env: EnvMap,
+    texels: int,
+    clusters: int,
+    rows: int = GRID_ROWS,
+    least: int = 1,
+    detail: float = DETAIL,
+    error: float = 0.0,
 ) -> PreparedLight:
     """Cuts a map into `clusters` and these into `texels`, on a grid of at most `rows` x 2 `rows` cells.
 
+    With an `error` above 0 there are fewer clusters where their predicted error allows it (relight/predict.py).
     A map of no more rows is cut along its own texels; one of fewer than `least` rows is first subdivided. With enough
     `texels` every cell is one, and no lobe is treated otherwise than the others. The sum of energy equals the map's to
     rounding at any setting. Pure: the same map gives the same bits.
@@ -90,6 +100,7 @@ def prepare_light(
     moments = cell_moments(env, (min(rows, max(height, least)), min(2 * rows, max(width, 2 * least))))
     light = np.asarray(luminance(moments[..., :3]), dtype=np.float64)
     weights = importance(light, centroid(moments), moments[..., 6])
+    clusters = clusters if error == 0 else enough_clusters(weights, moments, error, clusters)
     coarse = [group[0] for group in grow(weights, min(clusters, COARSE), 1)]
     groups = grow(weights, clusters, texels, LANES)
     hulls = [_hull(group) for group in groups]
@@ -102,6 +113,7 @@ def prepare_light(
         moment=_first_moments(cut),
         detail=detail,
         env=env,
+        shadow_error=cluster_error(moments, hulls, light_radius(moments)),
     )
 
 

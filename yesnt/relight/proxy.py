@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from yesnt.errors import JobError
 from yesnt.relight.lights import Clusters
+from yesnt.relight.predict import bounces_worth
 
 F32 = NDArray[np.float32]
 I32 = NDArray[np.int32]
@@ -108,15 +109,18 @@ class ProxyScene:
             hits[part].reshape(-1)[where] = self.first_hits(start, along)
         return hits
 
-    def gather(self, light: Clusters, albedo: F32, bounces: int, offset: float) -> tuple[F32, I32]:
+    def gather(self, light: Clusters, albedo: F32, bounces: int, offset: float, error: float = 0.0) -> tuple[F32, I32]:
         """What arrives at every triangle after `bounces` - 1 diffuse bounces, over pi: [F, 3]; and its hits [F, C].
 
+        Bounces that are predicted to change less than `error` allows are left out (relight/predict.py).
         Radiosity by gathering (Cohen & Greenberg 1985) with the light's clusters as directions: no noise.
         """
         hits = self.cluster_hits(self.centres + self.normals * np.float32(offset), self.normals, light)
         cosine = np.maximum(self.normals @ light.direction, 0)
         direct = (cosine * (hits == OPEN)) @ light.energy.T / np.float32(np.pi)
         solid = cosine * light.solid_angle / np.float32(np.pi)
+        hidden = float((solid * (hits != OPEN)).sum(axis=1).mean())
+        bounces = max(1, bounces_worth(hidden, float(albedo.mean()), error, bounces))
         arrives, sent = direct, np.zeros((len(self.faces) + 1, 3), dtype=np.float32)
         for _ in range(bounces - 1):
             sent[:-1] = albedo * arrives

@@ -11,6 +11,7 @@ from yesnt.relight.lights import PreparedLight
 from yesnt.relight.settings import RelightSettings
 
 _SUN_SHARE = 0.02  # of the light in one texel: less is not a source with a shadow of its own
+_TRACE = 1 / 512  # of a material: less than an 8-bit pass can say
 _EVEN = 0.02  # relative spread of radiance below which a map counts as uniform
 
 
@@ -52,6 +53,7 @@ def requirements(facts: SceneFacts, settings: RelightSettings) -> tuple[Requirem
     """Lists every term of the model, modelled or left out, with the reason."""
     return (
         _metal(facts, settings),
+        _levels(facts),
         _sharp(facts, settings),
         _sun(facts),
         _shadow(facts, settings),
@@ -64,9 +66,18 @@ def _metal(facts: SceneFacts, settings: RelightSettings) -> Requirement:
     name = "metallic lobe"
     if settings.brdf == "paper":
         return Requirement(name, True, "the paper's BRDF has one lobe for metals and dielectrics")
-    if facts.metallic is not None and facts.metallic[1] < 1 / 512:
+    if facts.metallic is not None and facts.metallic[1] < _TRACE:
         return Requirement(name, False, "no pixel is metallic")
     return Requirement(name, True, "computed for the pixels that are metallic, skipped for the others")
+
+
+def _levels(facts: SceneFacts) -> Requirement:
+    name = "texels of several sizes"
+    if facts.roughness is not None and facts.roughness[1] - facts.roughness[0] < _TRACE:
+        return Requirement(
+            name, False, f"roughness is {facts.roughness[0]:.2f} everywhere: each direction has one size"
+        )
+    return Requirement(name, True, "each pixel takes those that are small beside its lobe")
 
 
 def _sharp(facts: SceneFacts, settings: RelightSettings) -> Requirement:
@@ -97,8 +108,15 @@ def _shadow(facts: SceneFacts, settings: RelightSettings) -> Requirement:
         return Requirement(name, True, "the paper's one factor, marched against z")
     if not facts.proxy:
         return Requirement(name, True, "marched against z: the shot has no proxy mesh")
-    blur = "" if facts.light is None else f", {shadow_blur(facts.light):.1f} degrees of light each on average"
-    return Requirement(name, True, f"{settings.clusters} rays a pixel to the proxy{blur}")
+    if facts.light is None:
+        return Requirement(name, True, f"at most {settings.clusters} rays a pixel to the proxy")
+    light, bound = facts.light, f", {settings.error:g} allowed" if settings.error else ""
+    return Requirement(
+        name,
+        True,
+        f"{len(light.clusters)} rays a pixel to the proxy, {shadow_blur(light):.1f} degrees of light each on average: "
+        f"predicted display error {light.shadow_error:.4f}{bound}",
+    )
 
 
 def _bounce(facts: SceneFacts, settings: RelightSettings) -> Requirement:
@@ -107,7 +125,8 @@ def _bounce(facts: SceneFacts, settings: RelightSettings) -> Requirement:
         return Requirement(name, False, "switched off")
     if not facts.proxy:
         return Requirement(name, False, "the shot has no proxy mesh to bounce off")
-    return Requirement(name, True, f"{settings.bounce} diffuse bounce(s) off the proxy")
+    most = "" if settings.error == 0 else ", fewer on frames where they are predicted to be worth too little"
+    return Requirement(name, True, f"{settings.bounce} diffuse bounce(s) off the proxy{most}")
 
 
 def _capture(facts: SceneFacts, settings: RelightSettings) -> Requirement:

@@ -27,9 +27,10 @@ class RelightSettings:
         capture_texels: directions of the capture light.
         rows: rows of the finest grid that texels are cut from.
         detail: angular size of a texel over the width of the lobe where it lies, at most; sharp lobes take finer ones.
-        clusters: visibility directions of the light that relights.
-        capture_clusters: visibility directions of the capture light.
-        bounce: diffuse bounces off the proxy (0: what is occluded is black).
+        error: display error (root mean square, 1 is white) that shared visibility and left out bounces may cost.
+        clusters: visibility directions of the light that relights, at most; `error` 0 takes them all.
+        capture_clusters: visibility directions of the capture light, at most.
+        bounce: diffuse bounces off the proxy, at most (0: what is occluded is black).
         capture_passes: times the proxy's colour and the base colour are refined from one another.
         edges: resolve antialiased pixels into the surfaces that they mix.
         offset: metres that shadow rays start in front of the surface (a decimated proxy lies off the true one).
@@ -47,7 +48,8 @@ class RelightSettings:
     capture_texels: int = 512
     rows: int = 256
     detail: float = 0.45
-    clusters: int = 256
+    error: float = 0.0075
+    clusters: int = 512
     capture_clusters: int = 128
     bounce: int = 2
     capture_passes: int = 1
@@ -71,7 +73,7 @@ class RelightSettings:
         for name in ("texels", "rows", "capture_texels", "clusters", "capture_clusters", "march_steps", "tile"):
             _require(getattr(self, name) >= 1, name, getattr(self, name), "at least 1")
         _require(self.detail > 0, "detail", self.detail, "above 0")
-        for name in ("bounce", "capture_passes", "offset", "thickness"):
+        for name in ("error", "bounce", "capture_passes", "offset", "thickness"):
             _require(getattr(self, name) >= 0, name, getattr(self, name), "at least 0")
 
     @classmethod
@@ -97,12 +99,17 @@ def _require(good: bool, name: str, value: object, expected: str) -> None:
 
 QUALITIES = MappingProxyType(
     {
-        "draft": RelightSettings(texels=512, rows=128, capture_texels=128, clusters=64, capture_clusters=32, bounce=1),
+        "draft": RelightSettings(
+            texels=512, rows=128, capture_texels=128, error=0.015, clusters=64, capture_clusters=32, bounce=1
+        ),
         "standard": RelightSettings(),
-        "final": RelightSettings(texels=8192, capture_texels=2048, clusters=512, capture_clusters=256, bounce=3),
+        "final": RelightSettings(
+            texels=8192, capture_texels=2048, error=0.003, clusters=1024, capture_clusters=256, bounce=3
+        ),
         "reference": RelightSettings(
             texels=131072,
             capture_texels=8192,
+            error=0.0,
             clusters=1024,
             capture_clusters=512,
             bounce=4,

@@ -8,6 +8,7 @@ energy alone.
 from __future__ import annotations
 
 import heapq
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +48,18 @@ def grow(moments: Float, clusters: int, texels: int, multiple: int = 1) -> list[
     whole = [-(-len(group) // multiple) * multiple for group in groups]
     filled = [_split(table, [group], count)[0] for group, count in zip(groups, whole, strict=True)]
     return [sorted(group, key=_place) for group in filled]
+
+
+def doublings(moments: Float, least: int, most: int) -> Iterator[list[Box]]:
+    """The leaves of `least` clusters, of twice as many, and so on to `most`: what `grow` would give for each."""
+    table = np.pad(moments.cumsum(0).cumsum(1), ((1, 0), (1, 0), (0, 0)))
+    leaves, count = [(0, moments.shape[0], 0, moments.shape[1])], least
+    while True:
+        leaves = _split(table, [leaves], min(count, most))[0]
+        yield leaves
+        if count >= most:
+            return
+        count *= 2
 
 
 def _split(table: Float, groups: list[list[Box]], count: int) -> list[list[Box]]:

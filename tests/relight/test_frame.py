@@ -77,7 +77,13 @@ def test_a_block_shades_the_floor_below_it_and_the_bounce_fills_some_in():
     plate = np.full((20, 20, 3), 0.5, np.float32)
     open_, dark, bounced = (
         relight(
-            plate, gbuffer, cam, env, env, RelightSettings.from_quality("draft", base_color="plate", **knobs), proxy
+            plate,
+            gbuffer,
+            cam,
+            env,
+            env,
+            RelightSettings.from_quality("draft", base_color="plate", error=0.0, **knobs),
+            proxy,
         )
         for knobs in ({"shadows": False}, {"bounce": 0}, {"bounce": 2})
     )

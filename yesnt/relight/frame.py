@@ -19,6 +19,7 @@ from yesnt.relight.occlusion import Occluders, find_occluders, occlusion, single
 from yesnt.relight.points import Pixels, Surface, gather_pixels
 from yesnt.relight.proxy import ProxyScene
 from yesnt.relight.settings import RelightSettings
+from yesnt.relight.sparse import bands
 
 F32 = NDArray[np.float32]
 
@@ -158,9 +159,9 @@ def integrate(base: F32, pixels: Pixels, occluders: Occluders, light: PreparedLi
     if occluders.proxy is not None and settings.bounce > 0:
         glow = glow_of(occluders.proxy, pixels, occluders.shown, base, light, settings)
     tiles = [np.zeros((0, COLUMNS), dtype=np.float32)]
-    for first in range(0, len(base), settings.tile):
-        part = slice(first, min(first + settings.tile, len(base)))
-        hidden, bounced = occlusion(occluders, pixels, part, light, glow, settings)
+    for band in bands(pixels, settings.tile):
+        part = band.part
+        hidden, bounced = occlusion(occluders, pixels, band, light, glow, settings)
         lobes = pixels.lobes(part, settings.brdf, settings.diffuse)
         plain = settings.brdf == "paper"
         sums = _engine(settings)(lobes, light, hidden, bounced, not plain)

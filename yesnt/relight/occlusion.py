@@ -13,6 +13,7 @@ from yesnt.relight.march import DepthScene, depth_scene, march
 from yesnt.relight.points import Pixels, Surface
 from yesnt.relight.proxy import OPEN, ProxyScene
 from yesnt.relight.settings import RelightSettings
+from yesnt.relight.sparse import Band, sparse_hits
 
 F32 = NDArray[np.float32]
 I32 = NDArray[np.int32]
@@ -32,26 +33,29 @@ class Occluders:
         proxy: the mesh, or None.
         depth: the depth buffer, or None.
         shown: [P] triangle of the proxy behind each pixel, -1 where none; empty without a proxy.
+        footprint: [P] metres that a pixel covers at its depth; empty without a proxy.
     """
 
     origins: F32
     proxy: ProxyScene | None
     depth: DepthScene | None
     shown: NDArray[np.int32]
+    footprint: F32
 
 
 def find_occluders(surface: Surface, pixels: Pixels, proxy: ProxyScene | None, settings: RelightSettings) -> Occluders:
     """Chooses the occluder that `settings.shadows` and the shot allow."""
     nothing = np.zeros(0, dtype=np.int32)
     if settings.shadows is False or len(pixels.index) == 0:
-        return Occluders(pixels.position, None, None, nothing)
+        return Occluders(pixels.position, None, None, nothing, pixels.position[:0, 0])
     if settings.shadows == "single" or proxy is None:
         depth = depth_scene(surface, pixels, settings.thickness)
-        return Occluders(pixels.position, None, depth, nothing)
+        return Occluders(pixels.position, None, depth, nothing, pixels.position[:0, 0])
     eye = surface.camera.position(surface.frame).astype(np.float32)
     shown, gap = _seen_triangle(proxy, eye, pixels)
     origins = pixels.position + pixels.view * gap[:, None] + pixels.normal * np.float32(settings.offset)
-    return Occluders(origins.astype(np.float32), proxy, None, shown)
+    footprint = np.linalg.norm(pixels.position - eye, axis=1) / np.float32(surface.camera.fx)
+    return Occluders(origins.astype(np.float32), proxy, None, shown, footprint.astype(np.float32))
 
 
 def _seen_triangle(proxy: ProxyScene, eye: F32, pixels: Pixels) -> tuple[NDArray[np.int32], F32]:
@@ -73,7 +77,7 @@ def _seen_triangle(proxy: ProxyScene, eye: F32, pixels: Pixels) -> tuple[NDArray
 def occlusion(
     occluders: Occluders,
     pixels: Pixels,
-    part: slice,
+    band: Band,
     light: PreparedLight,
     glow: Glow | None,
     settings: RelightSettings,
@@ -83,14 +87,19 @@ def occlusion(
     Args:
         occluders: of the frame.
         pixels: of the frame.
-        part: range of pixels.
+        band: range of pixels.
         light: whose clusters are asked for.
         glow: what the proxy's triangles send out, None for black ones.
         settings: of the stage.
     """
+    part = band.part
     origins, normals = occluders.origins[part], pixels.normal[part]
     if occluders.proxy is not None:
-        hits = occluders.proxy.cluster_hits(origins, normals, light.clusters)
+        if settings.rays == "sparse":
+            footprint = occluders.footprint
+            hits = sparse_hits(occluders.proxy, occluders.origins, pixels, band, light.clusters, footprint)
+        else:
+            hits = occluders.proxy.cluster_hits(origins, normals, light.clusters)
         mirror = _mirror_rays(occluders.proxy, origins, pixels, part, light.clusters, hits)
         bounced = None if glow is None else glow.towards(hits, light.clusters.direction, *mirror)
         return hits != OPEN, bounced

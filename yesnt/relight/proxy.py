@@ -95,17 +95,21 @@ class ProxyScene:
         )
         return found
 
-    def cluster_hits(self, origins: F32, normals: F32, light: Clusters) -> I32:
+    def cluster_hits(self, origins: F32, normals: F32, light: Clusters, wanted: NDArray[np.bool_] | None = None) -> I32:
         """What each point [P, 3] sees towards each light cluster: [P, C], OPEN where nothing is in the way.
 
-        Clusters below a point's horizon are OPEN: they carry no light there. Those at it are lifted just above.
+        Clusters below a point's horizon are OPEN: they carry no light there. Those at it are lifted just above. With
+        `wanted` [P, C] only these are traced; the rest are OPEN.
         """
+        nothing = np.zeros((0, 0), dtype=np.bool_)
         count, clusters = len(origins), light.direction.shape[1]
         hits = np.full((count, clusters), OPEN, dtype=np.int32)
         step = max(1, _RAYS // clusters)
         for first in range(0, count, step):
             part = slice(first, min(first + step, count))
-            where, start, along = _rays(origins[part], normals[part], light.direction, light.reach)
+            where, start, along = _rays(
+                origins[part], normals[part], light.direction, light.reach, nothing if wanted is None else wanted[part]
+            )
             hits[part].reshape(-1)[where] = self.first_hits(start, along)
         return hits
 
@@ -148,7 +152,7 @@ class ProxyScene:
 
 
 @njit(cache=True, error_model="numpy")
-def _rays(origins, normals, directions, reach):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _rays(origins, normals, directions, reach, wanted):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Rays of points [P, 3] towards clusters [3, C] that are not set: flat index, origins and unit directions."""
     count, clusters = origins.shape[0], directions.shape[1]
     where = np.empty(count * clusters, dtype=np.int64)
@@ -157,6 +161,8 @@ def _rays(origins, normals, directions, reach):  # type: ignore[no-untyped-def] 
     n = 0
     for p in range(count):
         for c in range(clusters):
+            if wanted.shape[0] > 0 and not wanted[p, c]:
+                continue
             cosine = np.float32(0)
             for k in range(3):
                 cosine += normals[p, k] * directions[k, c]

@@ -27,6 +27,7 @@ class RelightSettings:
         capture_texels: directions of the capture light.
         rows: rows of the finest grid that texels are cut from.
         detail: angular size of a texel over the width of the lobe where it lies, at most; sharp lobes take finer ones.
+        rays: "sparse" traces where neighbours disagree what is hidden, "every" at every pixel.
         error: display error (root mean square, 1 is white) that shared visibility and left out bounces may cost.
         clusters: visibility directions of the light that relights, at most; `error` 0 takes them all.
         capture_clusters: visibility directions of the capture light, at most.
@@ -48,6 +49,7 @@ class RelightSettings:
     capture_texels: int = 512
     rows: int = 256
     detail: float = 0.45
+    rays: Literal["sparse", "every"] = "sparse"
     error: float = 0.0075
     clusters: int = 512
     capture_clusters: int = 128
@@ -67,6 +69,7 @@ class RelightSettings:
             ("diffuse", ("lambert", "disney") if self.brdf == "default" else ("lambert",)),
             ("shadows", (True, False, "single")),
             ("engine", ("numba", "torch")),
+            ("rays", ("sparse", "every")),
         )
         for name, allowed in choices:
             _require(getattr(self, name) in allowed, name, getattr(self, name), f"one of {allowed}")
@@ -104,12 +107,13 @@ QUALITIES = MappingProxyType(
         ),
         "standard": RelightSettings(),
         "final": RelightSettings(
-            texels=8192, capture_texels=2048, error=0.003, clusters=1024, capture_clusters=256, bounce=3
+            texels=8192, capture_texels=2048, error=0.003, clusters=1024, capture_clusters=256, bounce=3, rays="every"
         ),
         "reference": RelightSettings(
             texels=131072,
             capture_texels=8192,
             error=0.0,
+            rays="every",
             clusters=1024,
             capture_clusters=512,
             bounce=4,

@@ -50,7 +50,7 @@ class RelightSettings:
     rows: int = 256
     detail: float = 0.45
     rays: Literal["sparse", "every"] = "sparse"
-    error: float = 0.0075
+    error: float = 0.0045
     clusters: int = 512
     capture_clusters: int = 128
     bounce: int = 2
@@ -107,7 +107,7 @@ QUALITIES = MappingProxyType(
         ),
         "standard": RelightSettings(),
         "final": RelightSettings(
-            texels=8192, capture_texels=2048, error=0.003, clusters=1024, capture_clusters=256, bounce=3, rays="every"
+            texels=8192, capture_texels=2048, error=0.002, clusters=1024, capture_clusters=256, bounce=3, rays="every"
         ),
         "reference": RelightSettings(
             texels=131072,

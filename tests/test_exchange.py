@@ -43,6 +43,14 @@ def test_memory_does_not_grow_with_length(extent: Extent) -> None:
     assert plan(64, Extent(384, 256, 0.35)).chunk == 64, "a shot of the demo's size is solved as one"
 
 
+@pytest.mark.parametrize("share", [0.1, 0.3, 0.5, 0.7])
+def test_a_4k_shot_is_planned_within_2_gb_whatever_its_matte_fills(share: float) -> None:
+    found = plan(120, Extent(2160, 3840, share), memory=2.0)
+    assert found.peak_bytes <= 2e9
+    assert SHORTEST // 4 <= found.chunk <= SHORTEST
+    assert not found.whole
+
+
 def test_joint_sweeps_come_only_where_memory_holds_at_least_a_frame() -> None:
     assert 0 < plan(64, chunk=16).joint * 182 < 2e9
     assert plan(240, Extent(2160, 3840, 0.3), memory=1.0).joint == 0

@@ -26,7 +26,8 @@ ROUNDS = 2
 """Rounds that are planned: one suffices where the joint sweep may hold all that moved, the next shows it at rest."""
 
 SHORTEST = 16
-"""Frames below which a chunk is rather cut into bands of rows than made shorter."""
+"""Frames below which a chunk is rather cut into bands of rows than made shorter; a half and a quarter of it are left
+for shots whose bands would still be too large."""
 
 RESIDENT = 400e6
 """Bytes of a worker that has loaded what the solver needs."""
@@ -114,7 +115,20 @@ def plan_chunks(
         extent: of its frames.
     """
     needed = halo_frames(params, TYPICAL_CONFIDENCE, tolerance)
-    chunk = _chunk_length(temporal, needed, frames, extent)
+    longest = _chunk_length(temporal, needed, frames, extent)
+    shorter = (SHORTEST // 2, SHORTEST // 4) if temporal.chunk is None and longest == SHORTEST else ()
+    for chunk in (longest, *shorter):
+        plan = _plan_of(chunk, params, temporal, tolerance, frames, extent)
+        if plan.peak_bytes <= _allowed(temporal, extent):
+            break
+    return plan
+
+
+def _plan_of(
+    chunk: int, params: EnergyParams, temporal: TemporalInput, tolerance: float, frames: int, extent: Extent
+) -> ChunkPlan:
+    """The plan for a length of chunk; its peak may exceed the memory, if bands cannot be made narrower."""
+    needed = halo_frames(params, TYPICAL_CONFIDENCE, tolerance)
     for share in (2, 4):
         halo = temporal.halo if temporal.halo is not None else min(needed, max(1, chunk // share))
         loaded = min(frames, chunk + 2 * halo + 2)
@@ -185,9 +199,13 @@ def _affordable_rows(temporal: TemporalInput, frames: int, extent: Extent) -> in
 
 def _free(temporal: TemporalInput, extent: Extent) -> float:
     """Bytes that a task's lists may take."""
+    return max(0.0, _allowed(temporal, extent) - _peak(0, 0, extent))
+
+
+def _allowed(temporal: TemporalInput, extent: Extent) -> float:
+    """Bytes that a worker may hold."""
     usual = DECOMPOSING + DECOMPOSING_PIXEL * extent.height * extent.width
-    allowed = usual if temporal.memory is None else temporal.memory * 1e9
-    return max(0.0, allowed - _peak(0, 0, extent))
+    return usual if temporal.memory is None else temporal.memory * 1e9
 
 
 def _peak(frames: int, rows: int, extent: Extent) -> float:

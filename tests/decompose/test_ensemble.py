@@ -150,7 +150,9 @@ def test_rounds_double():
 
 
 def test_confidence_runs_from_one_to_zero():
-    np.testing.assert_allclose(confidence(np.array([0, 0.25, 0.5, 0.9], np.float32)), [1, 0.5, 0, 0])
+    std = np.array([0, 0.25, 0.5, 0.9], np.float32)
+    np.testing.assert_allclose(confidence(std, 0.5), [1, 0.5, 0, 0])  # method.md's divisor
+    np.testing.assert_allclose(confidence(std), [1, 5 / 6, 2 / 3, 0.4], rtol=1e-6)
 
 
 @pytest.mark.parametrize(

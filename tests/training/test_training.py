@@ -12,7 +12,7 @@ from yesnt.training.losses import energy_score, reading_loss
 from yesnt.training.trainer import Trainer, TrainingSettings, train
 
 TINY = NetworkShape(widths=(8, 8, 16), depths=(1, 1, 1), condition=8, denoiser=(8, 8))
-SETTINGS = TrainingSettings(reading=2, steps=3, finish=1, batch=2, people=0, patch=32)
+SETTINGS = TrainingSettings(reading=2, steps=4, batch=2, people=0, patch=32)
 
 
 @pytest.fixture(scope="module")
@@ -108,7 +108,7 @@ def test_a_missing_picture_is_named_after_the_patience_ends(tmp_path, monkeypatc
 
 def test_command_writes_weights_that_load(tmp_path, monkeypatch):
     monkeypatch.setattr("yesnt.training.__main__.NetworkShape", lambda: TINY)
-    assert main([str(tmp_path / "new"), "--reading", "1", "--steps", "1", "--finish", "0", "--people", "0"]) == 0
+    assert main([str(tmp_path / "new"), "--reading", "1", "--steps", "1", "--people", "0"]) == 0
     network, patch = load_weights(tmp_path / "new" / "embedded.safetensors")
     assert network.shape == TINY
     assert patch == PATCH

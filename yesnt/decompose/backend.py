@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     import torch
 
+    from yesnt.decompose.context import ContextBatch
     from yesnt.decompose.settings import EnsembleSettings
 
 Float32 = NDArray[np.float32]
@@ -86,12 +87,13 @@ class Backend(Protocol):
     @property
     def weights_digest(self) -> str: ...  # noqa: D102
 
-    def encode(self, rgb: torch.Tensor, matte: torch.Tensor) -> torch.Tensor:
+    def encode(self, rgb: torch.Tensor, matte: torch.Tensor, context: ContextBatch) -> torch.Tensor:
         """What sampling needs to know of the patches.
 
         Args:
             rgb: [B, 3, P, P] float32, linear Rec.709, straight, 0 where the matte is 0.
             matte: [B, 1, P, P] float32 coverage.
+            context: the whole subject in small and where on it each patch lies; who draws large patches may do without.
 
         Returns:
             [B, ...] condition; rows may be gathered into other batches of B rows.

@@ -7,6 +7,7 @@ from pathlib import Path
 import torch
 
 from yesnt.decompose.backend import Licence
+from yesnt.decompose.context import ContextBatch
 from yesnt.decompose.network import noised
 from yesnt.decompose.threads import one_thread
 from yesnt.decompose.weights import SHIPPED, SMOOTH_SIGMAS, file_digest, load_weights
@@ -35,9 +36,9 @@ class EmbeddedBackend:
 
     @one_thread()
     @torch.no_grad()
-    def encode(self, rgb: torch.Tensor, matte: torch.Tensor) -> torch.Tensor:
+    def encode(self, rgb: torch.Tensor, matte: torch.Tensor, context: ContextBatch) -> torch.Tensor:
         """[8, 3, P, P] and [8, 1, P, P] to [8, C, P/2, P/2]."""
-        return self._network.reader(rgb, matte)
+        return self._network.reader(rgb, matte, context)
 
     @one_thread()
     @torch.no_grad()

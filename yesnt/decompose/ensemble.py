@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from yesnt.decompose.backend import Backend
 from yesnt.decompose.blend import Patch, PatchGrid, PatchSum
 from yesnt.decompose.confidence import confidence as confidence
+from yesnt.decompose.context import ContextBatch, Square, small_picture
 from yesnt.decompose.noise_planes import ensemble_noise
 from yesnt.decompose.reuse import Prior, join
 from yesnt.decompose.settings import EnsembleSettings
@@ -113,12 +114,17 @@ def _uncovered(
 
 @dataclass(frozen=True)
 class _Picture:
-    """A frame padded to at least one patch: rgb [3, H, W], matte [H, W]; `shape` is the frame's own."""
+    """A frame padded to at least one patch: rgb [3, H, W], matte [H, W]; `shape` is the frame's own.
+
+    `whole` is the subject in small, [4, side, side], and `square` what it shows.
+    """
 
     grid: PatchGrid
     rgb: Float32
     matte: Float32
     shape: tuple[int, ...]
+    square: Square
+    whole: Float32
 
     @classmethod
     def prepare(cls, rgb: Float32, matte: Float32, backend: Backend, settings: EnsembleSettings) -> _Picture:
@@ -130,8 +136,16 @@ class _Picture:
         grid = PatchGrid.cover(matte.shape[0], matte.shape[1], backend.patch, settings.overlap, backend.align)
         pad = ((0, grid.height - matte.shape[0]), (0, grid.width - matte.shape[1]))
         clean = np.where(inside[..., None], rgb, 0).astype(np.float32)
-        padded = np.pad(clean.transpose(2, 0, 1), ((0, 0), *pad))
-        return cls(grid, padded, np.pad(matte.astype(np.float32), pad), matte.shape)
+        planes, cover = clean.transpose(2, 0, 1), matte.astype(np.float32)
+        square = Square.around(cover)
+        whole = small_picture(planes, cover, square)
+        return cls(grid, np.pad(planes, ((0, 0), *pad)), np.pad(cover, pad), matte.shape, square, whole)
+
+    def context(self, patches: Sequence[Patch], rows: int) -> ContextBatch:
+        """What `rows` rows are told of the whole; rows without a patch are told of its corner."""
+        places = np.zeros((rows, 3), np.float32)
+        places[: len(patches)] = [self.square.place(p.top, p.left, self.grid.size) for p in patches]
+        return ContextBatch(torch.from_numpy(self.whole).expand(rows, -1, -1, -1), torch.from_numpy(places))
 
     def finished(self, planes: NDArray[np.float64]) -> Float32:
         """Planes [..., H, W] without padding, 0 outside the matte."""
@@ -196,7 +210,9 @@ def _draw(
     for start in range(0, len(patches), backend.batch):
         chosen = patches[start : start + backend.batch]
         condition = backend.encode(
-            _batch(grid, picture.rgb, chosen, backend.batch), _batch(grid, picture.matte[None], chosen, backend.batch)
+            _batch(grid, picture.rgb, chosen, backend.batch),
+            _batch(grid, picture.matte[None], chosen, backend.batch),
+            picture.context(chosen, backend.batch),
         )
         for noise, member in zip(noises, sums, strict=True):
             values = backend.sample(condition, _batch(grid, noise, chosen, backend.batch)).numpy(force=True)

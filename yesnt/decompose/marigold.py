@@ -8,6 +8,7 @@ from typing import Any
 import torch
 
 from yesnt.decompose.backend import Licence
+from yesnt.decompose.context import ContextBatch
 from yesnt.decompose.latents import (
     default_device,
     diffusers_for,
@@ -63,7 +64,7 @@ class MarigoldBackend:
 
     @one_thread()
     @torch.no_grad()
-    def encode(self, rgb: torch.Tensor, matte: torch.Tensor) -> torch.Tensor:
+    def encode(self, rgb: torch.Tensor, matte: torch.Tensor, context: ContextBatch) -> torch.Tensor:
         """[B, 3, P, P] to the picture's latents [B, 4, P/8, P/8]; the matte has already blackened what is outside."""
         vae = self._pipeline.vae
         coded = 2 * srgb(rgb.to(self._device, vae.dtype)) - 1

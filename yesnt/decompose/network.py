@@ -11,6 +11,7 @@ import torch
 from torch import nn
 from torch.nn import functional as F
 
+from yesnt.decompose.context import ContextBatch
 from yesnt.decompose.statistics import STATISTICS, colour_code, surroundings
 
 
@@ -24,6 +25,7 @@ class NetworkShape:
         condition: channels handed to the denoiser at 1/2 resolution, the two of the expected material among them.
         denoiser: channels of the denoiser at 1/2 and 1/4 resolution.
         smooth_planes: noise planes besides the two of the state.
+        context: channels of the U-Net that reads the whole subject, at 1/2, 1/4, ... of the small picture.
     """
 
     widths: tuple[int, ...] = (32, 64, 128, 224)
@@ -31,6 +33,7 @@ class NetworkShape:
     condition: int = 34
     denoiser: tuple[int, int] = (32, 64)
     smooth_planes: int = 3
+    context: tuple[int, ...] = (24, 48, 72, 80)
 
     def header(self) -> str:
         """The sizes as JSON."""
@@ -117,6 +120,56 @@ class Overview(nn.Module):
         return x + self.mix(mean)[:, :, None, None]
 
 
+class ContextReader(nn.Module):
+    """Reads the whole subject in small; its features say of a patch where on the subject it lies."""
+
+    def __init__(self, widths: tuple[int, ...]) -> None:
+        super().__init__()
+        pairs = list(pairwise(widths))
+        self.stem = nn.Conv2d(24, widths[0], 3, padding=1)
+        self.levels = nn.ModuleList(Block(width) for width in (*widths, widths[-1]))
+        self.downs = nn.ModuleList(nn.Sequential(PixelNorm(a), nn.Conv2d(a, b, 2, stride=2)) for a, b in pairs)
+        # The finest level is read on the way down only: a patch knows its own detail.
+        self.merges = nn.ModuleList(Merge(a, b) for a, b in pairs[1:])
+        self.rises = nn.ModuleList(Block(a) for a, _ in pairs[1:])
+        self.norm = PixelNorm(widths[1])
+
+    def forward(self, picture: torch.Tensor) -> torch.Tensor:
+        """[B, 4, S, S] straight rgb and matte to [B, widths[1], S/4, S/4]."""
+        rgb, matte = picture[:, :3], picture[:, 3:]
+        across = torch.linspace(-1, 1, picture.shape[-1]).expand(len(picture), 1, *picture.shape[2:])
+        planes = [colour_code(rgb) * (matte > 0), matte, across, across.transpose(2, 3)]
+        x = self.stem(F.pixel_unshuffle(torch.cat(planes, 1), 2))
+        seen = []
+        for number, level in enumerate(self.levels[:-1]):
+            if number:
+                seen.append(x)
+                x = self.downs[number - 1](x)
+            x = level(x)
+        x = self.levels[-1](x)
+        for merge, rise, fine in zip(reversed(self.merges), reversed(self.rises), reversed(seen[1:]), strict=True):
+            x = rise(merge(fine, x))
+        return self.norm(x)
+
+
+def at_patch(features: torch.Tensor, place: torch.Tensor, cells: int) -> torch.Tensor:
+    """Features of the whole at the places of a patch's cells.
+
+    Args:
+        features: [B, C, h, w] over the small picture.
+        place: [B, 3] top, left and side of the patch in sides of that picture.
+        cells: per side of the patch.
+
+    Returns:
+        [B, C, cells, cells]; beyond the picture's edge its nearest value.
+    """
+    steps = (torch.arange(cells) + 0.5) / cells
+    rows = place[:, 0:1] + place[:, 2:] * steps
+    columns = place[:, 1:2] + place[:, 2:] * steps
+    grid = torch.stack([columns[:, None, :].expand(-1, cells, -1), rows[:, :, None].expand(-1, -1, cells)], -1)
+    return F.grid_sample(features, 2 * grid - 1, mode="bilinear", padding_mode="border", align_corners=False)
+
+
 class Reader(nn.Module):
     """RGB and matte to what is expected and features, at half the resolution."""
 
@@ -131,21 +184,28 @@ class Reader(nn.Module):
             for width, depth in zip(widths, shape.depths, strict=True)
         )
         self.downs = nn.ModuleList(nn.Sequential(PixelNorm(a), nn.Conv2d(a, b, 2, stride=2)) for a, b in pairs)
+        self.context = ContextReader(shape.context)
+        self.informed = nn.Conv2d(shape.context[1], widths[-2], 1)
         self.overview = Overview(widths[-1])
         self.merges = nn.ModuleList(Merge(a, b) for a, b in pairs)
         self.rises = nn.ModuleList(Block(a) for a, _ in pairs)
         self.out = nn.Sequential(PixelNorm(widths[0]), nn.Conv2d(widths[0], shape.condition, 1))
 
-    def forward(self, rgb: torch.Tensor, matte: torch.Tensor) -> torch.Tensor:
+    def forward(self, rgb: torch.Tensor, matte: torch.Tensor, context: ContextBatch) -> torch.Tensor:
         """Reads a patch.
 
         Args:
             rgb: [B, 3, P, P] linear.
             matte: [B, 1, P, P]; P a multiple of 2^levels.
+            context: the whole subject, and where on it the patch lies.
 
         Returns:
             [B, condition, P/2, P/2]; channels 0 and 1 are the expected roughness and metallic, -1 .. 1 for 0 .. 1.
         """
+        return self.read(rgb, matte, self.context(context.picture), context.place)
+
+    def read(self, rgb: torch.Tensor, matte: torch.Tensor, whole: torch.Tensor, place: torch.Tensor) -> torch.Tensor:
+        """As `forward`, with the features of the whole [B, C, h, w] at hand."""
         code = colour_code(rgb) * (matte > 0)
         with torch.no_grad():
             statistics = surroundings(code, matte)
@@ -155,6 +215,8 @@ class Reader(nn.Module):
             if number:
                 fine.append(x)
                 x = self.downs[number - 1](x)
+            if number == len(self.levels) - 2:
+                x = x + self.informed(at_patch(whole, place, x.shape[-1]))
             x = level(x)
         x = self.overview(x, F.avg_pool2d(matte, matte.shape[-1] // x.shape[-1]))
         for merge, rise, seen in zip(reversed(self.merges), reversed(self.rises), reversed(fine), strict=True):

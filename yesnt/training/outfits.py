@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.stage.paint import Between, Coat, Layer
-from yesnt.training.synthetic.materials import MATERIAL, draw_class, paint
+from yesnt.training.synthetic.materials import EVERYDAY, MATERIAL, Habits, draw_class, paint
 
 Classes = tuple[str, ...]
 
@@ -37,13 +37,13 @@ class Outfit:
 
     Attributes:
         rng: source of every choice.
-        bold: probability that cloth is printed with checks, chequers, stripes or dots.
+        habits: what the wearer likes.
         layers: place and thickness of each garment.
         paints: its material, a `MATERIAL` record each.
     """
 
     rng: np.random.Generator
-    bold: float = 0.0
+    habits: Habits = EVERYDAY
     layers: list[Layer] = field(default_factory=list)
     paints: list[NDArray[np.void]] = field(default_factory=list)
 
@@ -59,7 +59,7 @@ class Outfit:
 
     def paint(self, classes: Classes = ()) -> NDArray[np.void]:
         """A new material of one of the classes, or of any where none is named."""
-        return paint(self.rng, str(self.rng.choice(classes)) if classes else draw_class(self.rng), self.bold)
+        return paint(self.rng, str(self.rng.choice(classes)) if classes else draw_class(self.rng), self.habits)
 
     def chance(self, probability: float) -> bool:
         """True so often."""
@@ -79,9 +79,9 @@ def _color(values: NDArray[np.float32]) -> tuple[float, float, float]:
     return red, green, blue
 
 
-def draw_outfit(rng: np.random.Generator, bold: float = 0.0) -> Outfit:
-    """Dresses a person from the skin outwards; `bold` is the probability that cloth is printed."""
-    outfit = Outfit(rng, bold)
+def draw_outfit(rng: np.random.Generator, habits: Habits = EVERYDAY) -> Outfit:
+    """Dresses a person from the skin outwards."""
+    outfit = Outfit(rng, habits)
     _bare(outfit)
     _legs(outfit)
     _shoes(outfit)

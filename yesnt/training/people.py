@@ -22,6 +22,7 @@ from yesnt.stage.wardrobe import Dressed, dress
 from yesnt.training.bodies import draw_pose
 from yesnt.training.outfits import Outfit, draw_outfit
 from yesnt.training.synthetic.light import draw_radiance
+from yesnt.training.synthetic.materials import EVERYDAY, Habits
 from yesnt.training.synthetic.render import Rendering, material_class, paint_surface
 
 Float32 = NDArray[np.float32]
@@ -52,9 +53,9 @@ class Person:
     outfit: Outfit
 
 
-def draw_person(rng: np.random.Generator, body: Body, bold: float = 0.0) -> Person:
-    """Dresses a body; `bold` as for `draw_outfit`."""
-    outfit = draw_outfit(rng, bold)
+def draw_person(rng: np.random.Generator, body: Body, habits: Habits = EVERYDAY) -> Person:
+    """Dresses a body."""
+    outfit = draw_outfit(rng, habits)
     return Person(body, dress(body, outfit.coat(), folds=rng.uniform(0, 0.007)), outfit)
 
 

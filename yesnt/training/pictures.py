@@ -10,16 +10,35 @@ import numpy as np
 
 from yesnt.io.durable import durable_path
 from yesnt.training.people import draw_person, open_body, photograph
+from yesnt.training.synthetic.materials import EVERYDAY, Habits
 from yesnt.training.synthetic.render import Rendering
 
-PLAIN = 400
-"""People in their everyday clothes; those with higher numbers wear bold prints, which everyday hardly shows."""
+WARDROBES = ((400, EVERYDAY), (150, Habits(bold=0.6)), (250, Habits(bold=0.3, toned=0.5)))
+"""How many people have which habits, in the order of their numbers; everyday hardly shows a print or a beige shirt."""
 
-BOLD = 0.6
-"""Probability that their cloth is printed."""
+PEOPLE = sum(count for count, _ in WARDROBES)
+"""People in the whole archive."""
 
 VIEWS = 3
 """Poses, cameras and lights that each dressed person is seen in."""
+
+
+def habits_of(number: int) -> Habits:
+    """What the number-th person likes to wear."""
+    for count, habits in WARDROBES:
+        if number < count:
+            return habits
+        number -= count
+    raise ValueError(f"the archive has {PEOPLE} people")
+
+
+def everybody() -> list[int]:
+    """Numbers of all people in the order they are made and shown: any beginning has its share of every wardrobe."""
+    starts = np.cumsum([0, *(count for count, _ in WARDROBES)])
+    turns = []
+    for start, (count, _) in zip(starts[:-1], WARDROBES, strict=True):
+        turns += [((k + 0.5) / count, int(start) + k) for k in range(count)]
+    return [number for _, number in sorted(turns)]
 
 
 def person_path(folder: Path, seed: int, number: int) -> Path:
@@ -34,7 +53,7 @@ def make_person(folder: Path, seed: int, number: int, bodies: Sequence[Path]) ->
         return False
     rng = np.random.Generator(np.random.Philox(key=[seed, number]))
     body = open_body(bodies[number % len(bodies)])
-    person = draw_person(rng, body, BOLD if number >= PLAIN else 0.0)
+    person = draw_person(rng, body, habits_of(number))
     views = [photograph(rng, person) for _ in range(VIEWS)]
     planes = {name: np.stack([getattr(view, name) for view in views]) for name in ("rgb", "matte", "truth", "kind")}
     path.parent.mkdir(parents=True, exist_ok=True)

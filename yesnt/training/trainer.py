@@ -14,8 +14,8 @@ from yesnt.decompose.network import Network, NetworkShape, noised
 from yesnt.decompose.noise_planes import member_noise
 from yesnt.decompose.weights import PATCH, SMOOTH_SIGMAS, channels_last, save_weights
 from yesnt.errors import JobError
-from yesnt.training.losses import energy_score, reading_loss
-from yesnt.training.pictures import PLAIN, open_person, person_path
+from yesnt.training.losses import energy_score, reading_loss, whole_loss
+from yesnt.training.pictures import PEOPLE, everybody, open_person, person_path
 from yesnt.training.synthetic.dataset import Patches, crop, draw_patches
 from yesnt.training.synthetic.materials import CLASSES
 
@@ -30,12 +30,10 @@ class TrainingSettings:
     Attributes:
         seed: of data, noise and first weights.
         reading: steps of the first part, in which the reader alone learns what to expect.
-        steps: optimiser steps of the first two parts; in the second the denoiser learns to draw.
-        finish: steps of the third part, in which both learn on, mostly from people in bold prints.
+        steps: optimiser steps of both parts; in the second the denoiser learns to draw, the reader learns on slowly.
         batch: patches per step.
         of_people: how many of them show people; the others show heaps of things.
-        people: dressed people that the first two parts see; 0: heaps alone.
-        bold: people in bold prints, numbered after those, for the third part.
+        people: dressed people of the archive that are shown; 0: heaps alone.
         first: people that must be there before the first step.
         every: steps after which one more is asked for, so that pictures can be made while the training runs.
         patch: side of a patch.
@@ -44,23 +42,16 @@ class TrainingSettings:
     """
 
     seed: int = 0
-    reading: int = 2300
-    steps: int = 3100
-    finish: int = 520
+    reading: int = 3600
+    steps: int = 4700
     batch: int = 8
     of_people: int = 5
-    people: int = PLAIN
-    bold: int = 150
-    first: int = 80
-    every: int = 4
+    people: int = PEOPLE
+    first: int = 120
+    every: int = 3
     patch: int = PATCH
     rate: float = 1.2e-3
     ema: float = 0.997
-
-    @property
-    def last(self) -> int:
-        """Steps of all parts."""
-        return self.steps + self.finish
 
 
 class Trainer:
@@ -77,12 +68,14 @@ class Trainer:
         self.settings, self.folder = settings, folder
         self.network = channels_last(Network(shape))
         self.classes = torch.nn.Conv2d(shape.condition, len(CLASSES), 1)
+        self.whole = torch.nn.Conv2d(shape.context[1], 2 + len(CLASSES), 1)
+        self._people = everybody()[: settings.people]
         self.averaged = Network(shape).requires_grad_(False)
         self.averaged.load_state_dict(self.network.state_dict())
         # Decay bounds the weights that a norm makes scale-free; ten times this rate once blew up the coarse levels, and
         # the network went on with colour alone.
         groups = [
-            {"params": [*self.network.reader.parameters(), *self.classes.parameters()]},
+            {"params": [*self.network.reader.parameters(), *self.classes.parameters(), *self.whole.parameters()]},
             {"params": list(self.network.denoiser.parameters())},
         ]
         self.optimiser = torch.optim.AdamW(groups, lr=settings.rate, weight_decay=0.05, betas=(0.9, 0.98))
@@ -94,10 +87,10 @@ class Trainer:
         patches = self._patches()
         for group, rate in zip(self.optimiser.param_groups, self._rates(), strict=True):
             group["lr"] = rate
-        loss = self._loss(*(torch.from_numpy(np.ascontiguousarray(p)) for p in patches.planes()))
+        loss = self._loss(patches)
         self.optimiser.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
-        torch.nn.utils.clip_grad_norm_([*self.network.parameters(), *self.classes.parameters()], 1.0)
+        torch.nn.utils.clip_grad_norm_([p for g in self.optimiser.param_groups for p in g["params"]], 1.0)
         self.optimiser.step()
         self.step += 1
         decay = min(self.settings.ema, (1 + self.step) / (10 + self.step))
@@ -111,6 +104,7 @@ class Trainer:
             "step": self.step,
             "network": self.network.state_dict(),
             "classes": self.classes.state_dict(),
+            "whole": self.whole.state_dict(),
             "averaged": self.averaged.state_dict(),
             "optimiser": self.optimiser.state_dict(),
         }
@@ -123,6 +117,7 @@ class Trainer:
         state = torch.load(path, weights_only=True)
         self.network.load_state_dict(state["network"])
         self.classes.load_state_dict(state["classes"])
+        self.whole.load_state_dict(state["whole"])
         self.averaged.load_state_dict(state["averaged"])
         self.optimiser.load_state_dict(state["optimiser"])
         self.step = state["step"]
@@ -133,17 +128,13 @@ class Trainer:
         rng = np.random.Generator(np.random.Philox(key=[s.seed, 1_000_000_000 + self.step]))
         crops = [self._of_a_person(rng) for _ in range(shown)]
         heaps = [draw_patches(s.seed, 1_000_000 + self.step * s.batch + i, 1, s.patch) for i in range(s.batch - shown)]
-        made = [*([Patches.stack(crops)] if crops else []), *heaps]
-        return Patches(*(np.concatenate(planes) for planes in zip(*(m.planes() for m in made), strict=True)))
+        return Patches.join([*([Patches.stack(crops)] if crops else []), *heaps])
 
-    def _of_a_person(self, rng: np.random.Generator) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
+    def _of_a_person(self, rng: np.random.Generator) -> Patches:
         """A crop of one of the people that a training at this step may count on."""
         s = self.settings
-        number = int(rng.integers(min(s.people, s.first + self.step // s.every)))
-        if self.step >= s.steps and rng.random() < 0.65:
-            # As in the first part, with as many as can be there by now.
-            number = PLAIN + int(rng.integers(min(s.bold, s.first // 2 + (self.step - s.steps) // s.every)))
-        path = person_path(self.folder, s.seed, number)
+        there = min(len(self._people), s.first + self.step // s.every)
+        path = person_path(self.folder, s.seed, self._people[int(rng.integers(there))])
         _await(path)
         views = open_person(path)
         picture = views[int(rng.integers(len(views)))]
@@ -154,16 +145,18 @@ class Trainer:
         s = self.settings
         if self.step < s.reading:
             return s.rate * _course(self.step, s.reading), 0.0
-        if self.step < s.steps:
-            rate = s.rate * _course(self.step - s.reading, s.steps - s.reading)
-            return rate / 5, rate
-        rate = s.rate * _course(self.step - s.steps, s.finish)
-        return 0.6 * rate, 0.6 * rate
+        rate = s.rate * _course(self.step - s.reading, s.steps - s.reading)
+        return rate / 5, rate
 
-    def _loss(self, rgb: torch.Tensor, matte: torch.Tensor, truth: torch.Tensor, kind: torch.Tensor) -> torch.Tensor:
+    def _loss(self, patches: Patches) -> torch.Tensor:
+        rgb, matte, truth, kind, whole, place, whole_truth, whole_kind = (
+            torch.from_numpy(np.ascontiguousarray(plane)) for plane in patches.planes()
+        )
         clean = 2 * truth - 1
-        condition = self.network.reader(rgb, matte)
+        features = self.network.reader.context(whole)
+        condition = self.network.reader.read(rgb, matte, features, place)
         loss = reading_loss(condition, self.classes(condition), clean, kind, matte)
+        loss = loss + 0.5 * whole_loss(self.whole(features), whole_truth, whole_kind)
         if self.step < self.settings.reading:
             return loss
         # Two random draws give signs, not errors: a noisy gradient, which passed down would undo what was read.
@@ -226,9 +219,9 @@ def _noise_pool(seed: int, patch: int, count: int = 96) -> torch.Tensor:
 def train(trainer: Trainer, folder: Path, every: int = 100) -> Iterator[tuple[int, float]]:
     """Runs to the last step; yields (step, mean loss) and saves a checkpoint and weights every `every` steps."""
     losses: list[float] = []
-    while trainer.step < trainer.settings.last:
+    while trainer.step < trainer.settings.steps:
         losses.append(trainer.advance())
-        if trainer.step % every == 0 or trainer.step == trainer.settings.last:
+        if trainer.step % every == 0 or trainer.step == trainer.settings.steps:
             trainer.save(folder / "checkpoint.pt")
             save_weights(trainer.averaged, folder / "embedded.safetensors")
             yield trainer.step, float(np.mean(losses))

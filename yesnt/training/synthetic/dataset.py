@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from yesnt.decompose.context import CONTEXT_SIDE, Square, small_picture
 from yesnt.training.synthetic.light import draw_light
 from yesnt.training.synthetic.render import Rendering, render
 from yesnt.training.synthetic.scene import draw_scene
@@ -21,29 +22,56 @@ MARGIN = 16
 
 @dataclass(frozen=True)
 class Patches:
-    """Training examples.
+    """Training examples; a single one lacks the first axis.
 
     Attributes:
         rgb: [n, 3, P, P] straight linear, 0 outside the matte.
         matte: [n, 1, P, P] coverage.
         truth: [n, 2, P, P] roughness and metallic.
         kind: [n, P, P] int64 number of the material class, -1 outside the matte.
+        whole: [n, 4, S, S] the picture's subject in small, straight rgb and matte.
+        place: [n, 3] top, left and side of the patch, in sides of `whole`.
+        whole_truth: [n, 3, S/4, S/4] roughness, metallic and coverage of the subject in small.
+        whole_kind: [n, S/4, S/4] int64 its class, -1 outside the matte.
     """
 
     rgb: Float32
     matte: Float32
     truth: Float32
     kind: NDArray[np.int64]
+    whole: Float32
+    place: Float32
+    whole_truth: Float32
+    whole_kind: NDArray[np.int64]
 
     def planes(self) -> tuple[NDArray[np.generic], ...]:
-        """rgb, matte, truth, kind."""
-        return self.rgb, self.matte, self.truth, self.kind
+        """All attributes in order."""
+        return tuple(getattr(self, field.name) for field in fields(self))
 
     @classmethod
-    def stack(cls, crops: list[Float32]) -> Patches:
-        """Of crops [7, P, P] as `crop` makes them."""
-        planes = np.stack(crops)
-        return cls(planes[:, :3], planes[:, 3:4], planes[:, 4:6], planes[:, 6].astype(np.int64))
+    def stack(cls, examples: list[Patches]) -> Patches:
+        """Of single examples as `crop` makes them."""
+        return cls(*(np.stack(planes) for planes in zip(*(e.planes() for e in examples), strict=True)))
+
+    @classmethod
+    def join(cls, groups: list[Patches]) -> Patches:
+        """One group after another."""
+        return cls(*(np.concatenate(planes) for planes in zip(*(g.planes() for g in groups), strict=True)))
+
+    def mirrored(self) -> Patches:
+        """A single example with left and right exchanged."""
+        top, left, side = self.place
+        planes = {f.name: np.ascontiguousarray(getattr(self, f.name)[..., ::-1]) for f in fields(self)}
+        return Patches(**{**planes, "place": np.array([top, 1 - left - side, side], np.float32)})
+
+    def transposed(self) -> Patches:
+        """A single example with rows and columns exchanged."""
+        planes = {
+            f.name: np.ascontiguousarray(getattr(self, f.name).swapaxes(-1, -2))
+            for f in fields(self)
+            if f.name != "place"
+        }
+        return Patches(**planes, place=self.place[[1, 0, 2]])
 
 
 def draw_patches(seed: int, index: int, count: int, patch: int) -> Patches:
@@ -61,17 +89,14 @@ def draw_picture(rng: np.random.Generator, size: int) -> Rendering:
             return render(scene.geometry, scene.paints(), draw_light(rng))
 
 
-def crop(rng: np.random.Generator, picture: Rendering, patch: int, shrink: float = 1.0) -> Float32:
-    """A random patch [rgb, matte, truth, kind] with at least a twelfth of it inside the matte (best of ten tries).
+def crop(rng: np.random.Generator, picture: Rendering, patch: int, shrink: float = 1.0) -> Patches:
+    """A random patch, a single example, with at least a twelfth of it inside the matte (best of ten tries).
 
     Args:
         rng: of place, mirroring and the camera's faults.
         picture: at least `shrink` times as large as the patch.
         patch: side P.
         shrink: the patch shows so many times its size of the picture, averaged.
-
-    Returns:
-        [7, P, P].
     """
     side = min(round(patch * shrink), *picture.matte.shape)
     room = np.array(picture.matte.shape) - side + 1
@@ -80,13 +105,40 @@ def crop(rng: np.random.Generator, picture: Rendering, patch: int, shrink: float
     good = [k for k, share in enumerate(shares) if share > 1 / 12]
     y, x = places[good[0] if good else int(np.argmax(shares))]
     planes = _window(picture, np.s_[..., y : y + side, x : x + side], patch)
-    rgb, matte = _expose(rng, planes[:3], planes[3])
-    planes = np.concatenate([rgb, matte[None], planes[4:]])
+    rgb, matte, gain = _expose(rng, planes[:3], planes[3])
+    square = Square.around(picture.matte.astype(np.float32))
+    example = Patches(
+        rgb, matte[None], planes[4:6], planes[6].astype(np.int64),
+        _whole(picture, square, gain), np.array(square.place(int(y), int(x), side), np.float32),
+        *_whole_truth(picture, square),
+    )  # fmt: skip
     if rng.random() < 0.5:
-        planes = planes[:, :, ::-1]
+        example = example.mirrored()
     if rng.random() < 0.1:
-        planes = planes.transpose(0, 2, 1)
-    return np.ascontiguousarray(planes, dtype=np.float32)
+        example = example.transposed()
+    return example
+
+
+def _whole(picture: Rendering, square: Square, gain: Float32) -> Float32:
+    """The subject in small, exposed like the patch; what noise the camera adds is averaged away."""
+    matte = picture.matte.astype(np.float32)
+    straight = picture.rgb.astype(np.float32) / np.maximum(matte, 1 / 512)
+    small = small_picture(straight, matte, square)
+    return np.concatenate([small[:3] * gain[:, None, None], small[3:]]).astype(np.float32)
+
+
+def _whole_truth(picture: Rendering, square: Square) -> tuple[Float32, NDArray[np.int64]]:
+    """Roughness, metallic and coverage [3, S/4, S/4] in small, and the class."""
+    side = CONTEXT_SIDE // 4
+    matte = picture.matte.astype(np.float32)
+    small = square.shrink(np.concatenate([picture.truth * matte, matte[None]]), side)
+    middle = square.side * (np.arange(side) + 0.5) / side
+    rows, columns = (np.floor(start + middle).astype(int) for start in (square.top, square.left))
+    height, width = matte.shape
+    inside = ((rows >= 0) & (rows < height))[:, None] & ((columns >= 0) & (columns < width))
+    kind = picture.kind[np.clip(rows, 0, height - 1)[:, None], np.clip(columns, 0, width - 1)]
+    small[:2] /= np.maximum(small[2:], 1e-3)
+    return small, np.where(inside, kind, -1).astype(np.int64)
 
 
 def _window(picture: Rendering, window: Any, patch: int) -> Float32:
@@ -101,13 +153,16 @@ def _window(picture: Rendering, window: Any, patch: int) -> Float32:
     return planes
 
 
-def _expose(rng: np.random.Generator, rgb: Float32, matte: Float32) -> tuple[Float32, Float32]:
+def _expose(rng: np.random.Generator, rgb: Float32, matte: Float32) -> tuple[Float32, Float32, Float32]:
     """The camera: blur, exposure, colour cast, shot and read noise; then the colour is made straight.
 
     Args:
         rng: source of the camera's faults.
         rgb: [3, P, P] associated.
         matte: [P, P].
+
+    Returns:
+        Straight rgb [3, P, P], matte [P, P], exposure and cast [3].
     """
     sigma = rng.uniform(0, 0.9) if rng.random() < 0.6 else 0.0
     if sigma > 0.3:
@@ -120,4 +175,4 @@ def _expose(rng: np.random.Generator, rgb: Float32, matte: Float32) -> tuple[Flo
         rgb = rgb + rng.standard_normal(rgb.shape) * np.sqrt(read**2 + shot**2 * np.maximum(rgb, 0))
     seen = matte > 1 / 512
     straight = np.where(seen, np.maximum(rgb, 0) / np.where(seen, matte, 1), 0)
-    return straight.astype(np.float32), np.where(seen, matte, 0).astype(np.float32)
+    return straight.astype(np.float32), np.where(seen, matte, 0).astype(np.float32), gain.astype(np.float32)

@@ -91,6 +91,25 @@ class MaterialClass:
 _PRINTS = ("stripes", "checks", "dots", "blotches")
 _BOLD = ("checks", "checks", "chequers", "chequers", "stripes", "stripes", "dots")
 _PRINTABLE = ("woven", "knit", "satin", "denim", "leather")
+_DYED = (*_PRINTABLE, "rubber", "plastic", "moulded plastic")
+_TONES = ("skin", "skin", "skin", "hair", "leather", "polished metal")
+"""Classes whose colours other stuff wears too: a beige shirt, a grey glove."""
+
+
+@dataclass(frozen=True)
+class Habits:
+    """What somebody likes to wear.
+
+    Attributes:
+        bold: probability that cloth is printed with checks, chequers, stripes or dots.
+        toned: probability that cloth, rubber or plastic has a colour of skin, hair, leather or metal.
+    """
+
+    bold: float = 0.0
+    toned: float = 0.0
+
+
+EVERYDAY = Habits()
 
 _TABLE = (
     # name, (mean, std, lowest, highest) of roughness, colours, tiles,
@@ -111,6 +130,7 @@ _TABLE = (
     ("rubber", (0.70, 0.12, 0.4, 0.95), _RUBBER, ("plain", "gritty", "stripes"), 0.1, 0, 0.15, 0.08, 0.3, 0),
     ("ceramic", (0.16, 0.07, 0.03, 0.35), _CERAMIC, ("plain", "cloudy", "blotches"), 0.4, 0, 0.3, 0.04, 0.1, 0),
     ("stone", (0.78, 0.11, 0.5, 1.0), _STONE, ("gritty", "mottled"), 0.3, 0, 0.5, 0.10, 0.8, 0),
+    ("moulded plastic", (0.72, 0.12, 0.45, 0.95), _ANY, ("plain", "gritty", "gritty"), 0.1, 0, 0.1, 0.05, 0.15, 0),
 )  # fmt: skip
 
 CLASSES = {row[0]: MaterialClass(*row) for row in _TABLE}
@@ -119,6 +139,7 @@ CLASSES = {row[0]: MaterialClass(*row) for row in _TABLE}
 PRIOR = {
     "woven": 4, "knit": 2, "satin": 1, "denim": 1.5, "skin": 3, "hair": 1.5, "leather": 2.5, "wood": 1,
     "brushed metal": 1.5, "polished metal": 1.5, "worn metal": 1, "plastic": 2, "rubber": 1, "ceramic": 1, "stone": 0.7,
+    "moulded plastic": 1.5,
 }  # fmt: skip
 """Relative frequency of a class where nothing else decides."""
 
@@ -129,14 +150,15 @@ def draw_class(rng: np.random.Generator) -> str:
     return str(rng.choice(list(PRIOR), p=weights / weights.sum()))
 
 
-def paint(rng: np.random.Generator, name: str, bold: float = 0.0) -> NDArray[np.void]:
-    """Draws one material of a class, a `MATERIAL` record; cloth carries a hard-edged print with probability `bold`."""
+def paint(rng: np.random.Generator, name: str, habits: Habits = EVERYDAY) -> NDArray[np.void]:
+    """Draws one material of a class, a `MATERIAL` record."""
     kind = CLASSES[name]
     material = np.zeros((), MATERIAL)
     mean, std, low, high = kind.roughness
-    base = _colour(rng, kind)
+    toned = habits.toned > 0 and name in _DYED and rng.random() < habits.toned
+    base = _colour(rng, CLASSES[str(rng.choice(_TONES))] if toned else kind)
     tile = str(rng.choice(kind.tiles))
-    dressed = bold > 0 and name in _PRINTABLE and rng.random() < bold
+    dressed = habits.bold > 0 and name in _PRINTABLE and rng.random() < habits.bold
     if dressed:
         tile = str(rng.choice(_BOLD))
     # A print is two paints on one cloth: strong contrast, no other roughness.

@@ -4,6 +4,7 @@ import pytest
 import torch
 
 from yesnt.decompose.backend import Licence
+from yesnt.decompose.context import CONTEXT_SIDE, ContextBatch
 
 
 class FakeBackend:
@@ -23,7 +24,8 @@ class FakeBackend:
         self.noise_gain, self.batch, self.patch = noise_gain, batch, patch
         self.sampled = 0
 
-    def encode(self, rgb, matte):
+    def encode(self, rgb, matte, context):
+        assert context.picture.shape[0] == context.place.shape[0] == self.batch
         assert rgb.shape == (self.batch, 3, self.patch, self.patch)
         assert matte.shape == (self.batch, 1, self.patch, self.patch)
         return torch.cat([rgb[:, :1], matte], 1)
@@ -38,3 +40,14 @@ class FakeBackend:
 def fake():
     """The class, so that a test can choose its parameters or refine it."""
     return FakeBackend
+
+
+@pytest.fixture
+def context():
+    """`context(rows)`: patches that are the whole of a random subject."""
+
+    def make(rows):
+        picture = torch.rand(rows, 4, CONTEXT_SIDE, CONTEXT_SIDE, generator=torch.Generator().manual_seed(1))
+        return ContextBatch(picture, torch.tensor([[0.0, 0.0, 1.0]]).repeat(rows, 1))
+
+    return make

@@ -35,14 +35,14 @@ def checkpoint(tmp_path_factory, tiny_stable_diffusion):
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_a_member_equals_a_direct_call_of_the_pipeline(checkpoint):
+def test_a_member_equals_a_direct_call_of_the_pipeline(checkpoint, context):
     from diffusers import MarigoldIntrinsicsPipeline
 
     backend = open_backend("marigold", checkpoint)
     generator = torch.Generator().manual_seed(1)
     rgb = torch.rand(1, 3, PATCH, PATCH, generator=generator)
     noise = torch.randn(1, len(backend.noise_sigmas), PATCH, PATCH, generator=generator)
-    ours = backend.sample(backend.encode(rgb, torch.ones(1, 1, PATCH, PATCH)), noise)
+    ours = backend.sample(backend.encode(rgb, torch.ones(1, 1, PATCH, PATCH), context(1)), noise)
 
     pipeline = MarigoldIntrinsicsPipeline.from_pretrained(checkpoint, local_files_only=True)
     pipeline.set_progress_bar_config(disable=True)

@@ -33,9 +33,11 @@ def backend(checkpoint):
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_each_quantity_follows_its_prompt_and_its_noise(backend):
+def test_each_quantity_follows_its_prompt_and_its_noise(backend, context):
     generator = torch.Generator().manual_seed(0)
-    condition = backend.encode(torch.rand(1, 3, PATCH, PATCH, generator=generator), torch.ones(1, 1, PATCH, PATCH))
+    condition = backend.encode(
+        torch.rand(1, 3, PATCH, PATCH, generator=generator), torch.ones(1, 1, PATCH, PATCH), context(1)
+    )
     assert condition.shape == (1, 4, PATCH // 8, PATCH // 8)
     noise = torch.randn(1, len(backend.noise_sigmas), PATCH, PATCH, generator=generator)
     first = backend.sample(condition, noise)

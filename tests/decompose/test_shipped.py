@@ -36,7 +36,7 @@ def test_weights_are_small():
     assert SHIPPED.stat().st_size <= 10 << 20
 
 
-def test_threads_do_not_change_a_bit():
+def test_threads_do_not_change_a_bit(context):
     backend, generator = EmbeddedBackend(), torch.Generator().manual_seed(0)
     rgb, matte = torch.rand(8, 3, 128, 128, generator=generator), torch.ones(8, 1, 128, 128)
     noise = torch.randn(8, len(backend.noise_sigmas), 128, 128, generator=generator)
@@ -44,7 +44,7 @@ def test_threads_do_not_change_a_bit():
     try:
         for number in (1, 2):
             torch.set_num_threads(number)
-            draws.append(backend.sample(backend.encode(rgb, matte), noise))
+            draws.append(backend.sample(backend.encode(rgb, matte, context(8)), noise))
     finally:
         torch.set_num_threads(threads)
     assert torch.equal(*draws)

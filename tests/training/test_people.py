@@ -6,7 +6,16 @@ from yesnt.stage.outfits import athlete, courtier, explorer, performer
 from yesnt.training.bodies import PHENOTYPE, draw_phenotype, draw_pose
 from yesnt.training.outfits import draw_outfit
 from yesnt.training.people import HEIGHT, WIDTH, draw_person, photograph
-from yesnt.training.pictures import VIEWS, make_person, open_person, person_path
+from yesnt.training.pictures import (
+    PEOPLE,
+    VIEWS,
+    WARDROBES,
+    everybody,
+    habits_of,
+    make_person,
+    open_person,
+    person_path,
+)
 from yesnt.training.synthetic.materials import CLASSES
 
 
@@ -92,3 +101,13 @@ def test_an_archive_is_made_once_and_is_a_function_of_seed_and_number(tmp_path, 
         for name in ("rgb", "matte", "truth", "kind"):
             np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
     assert len(open_person(person_path(first, 0, 5))) == VIEWS
+
+
+def test_any_beginning_of_the_archive_has_its_share_of_every_wardrobe():
+    numbers = everybody()
+    assert sorted(numbers) == list(range(PEOPLE))
+    beginning = [habits_of(number) for number in numbers[:80]]
+    for count, habits in WARDROBES:
+        assert beginning.count(habits) == pytest.approx(80 * count / PEOPLE, abs=1)
+    with pytest.raises(ValueError, match="people"):
+        habits_of(PEOPLE)

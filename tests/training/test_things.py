@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
+import torch
 
-from yesnt.training.synthetic.dataset import draw_patches
+from yesnt.decompose.network import at_patch
+from yesnt.training.synthetic.dataset import crop, draw_patches, draw_picture
 from yesnt.training.synthetic.light import COLUMNS, LEVELS, ROWS, Light, draw_light, environment_brdf
 from yesnt.training.synthetic.materials import CLASSES, MATERIAL, PRIOR, draw_class, paint
 from yesnt.training.synthetic.render import render
@@ -139,3 +141,15 @@ def test_patches_are_straight_and_truth_lies_inside_the_matte():
         truth = patches.truth.transpose(0, 2, 3, 1)[inside]
         assert 0.01 < truth[:, 0].min() <= truth[:, 0].max() <= 1
         assert set(np.unique(patches.kind[inside])) <= set(range(-1, len(CLASSES)))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_whole_shows_the_patch_where_it_says_so(seed):
+    """Mirrored or turned, the matte of the patch is the matte of the whole at the patch's place."""
+    rng = np.random.default_rng(seed)
+    example = crop(rng, draw_picture(rng, 144), 64)
+    told = at_patch(torch.from_numpy(example.whole[None, 3:]), torch.from_numpy(example.place[None]), 16)[0, 0].numpy()
+    shown = example.matte[0].reshape(16, 4, 16, 4).mean((1, 3))
+    assert np.abs(told - shown).mean() < 0.06
+    assert example.whole_truth[2].mean() == pytest.approx(example.whole[3].mean(), abs=0.02)
+    assert ((example.whole_kind >= 0) == (example.whole_truth[2] > 0.5)).mean() > 0.9

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 import torch
 
+from yesnt.decompose.context import CONTEXT_SIDE, ContextBatch
 from yesnt.decompose.embedded import EmbeddedBackend
 from yesnt.decompose.network import Network, NetworkShape, noised
 from yesnt.decompose.weights import PATCH, load_weights, save_weights
@@ -13,6 +14,15 @@ from yesnt.training.trainer import Trainer, TrainingSettings, train
 
 TINY = NetworkShape(widths=(8, 8, 16), depths=(1, 1, 1), condition=8, denoiser=(8, 8))
 SETTINGS = TrainingSettings(reading=2, steps=4, batch=2, people=0, patch=32)
+
+
+def whole(rows, order=None):
+    """What `rows` patches are told of their subjects."""
+    generator = torch.Generator().manual_seed(1)
+    picture = torch.rand(rows, 4, CONTEXT_SIDE, CONTEXT_SIDE, generator=generator)
+    place = torch.rand(rows, 3, generator=generator)
+    order = torch.arange(rows) if order is None else order
+    return ContextBatch(picture[order], place[order])
 
 
 @pytest.fixture(scope="module")
@@ -117,7 +127,7 @@ def test_command_writes_weights_that_load(tmp_path, monkeypatch):
 def test_draws_are_stochastic_bounded_and_keyed_by_noise(tiny_weights):
     backend = EmbeddedBackend(tiny_weights, steps=2)
     rgb, matte = torch.rand(8, 3, 32, 32), torch.ones(8, 1, 32, 32)
-    condition = backend.encode(rgb, matte)
+    condition = backend.encode(rgb, matte, whole(8))
     noise = torch.randn(8, len(backend.noise_sigmas), 32, 32)
     first = backend.sample(condition, noise)
     assert first.shape == (8, 2, 32, 32)
@@ -130,15 +140,15 @@ def test_a_row_does_not_depend_on_its_neighbours_or_on_threads(tiny_weights):
     backend = EmbeddedBackend(tiny_weights)
     rgb, matte = torch.rand(8, 3, 32, 32), torch.ones(8, 1, 32, 32)
     noise = torch.randn(8, len(backend.noise_sigmas), 32, 32)
-    whole = backend.sample(backend.encode(rgb, matte), noise)
+    drawn = backend.sample(backend.encode(rgb, matte, whole(8)), noise)
     order = torch.tensor([3, 1, 7, 0, 2, 6, 5, 4])
     torch.testing.assert_close(
-        backend.sample(backend.encode(rgb[order], matte), noise[order]), whole[order], atol=0, rtol=0
+        backend.sample(backend.encode(rgb[order], matte, whole(8, order)), noise[order]), drawn[order], atol=0, rtol=0
     )
     threads = torch.get_num_threads()
     try:
         torch.set_num_threads(2 if threads == 1 else 1)
-        torch.testing.assert_close(backend.sample(backend.encode(rgb, matte), noise), whole, atol=0, rtol=0)
+        torch.testing.assert_close(backend.sample(backend.encode(rgb, matte, whole(8)), noise), drawn, atol=0, rtol=0)
     finally:
         torch.set_num_threads(threads)
 

@@ -14,7 +14,7 @@ from yesnt.decompose.identity import BackendIdentity, identify_backend
 from yesnt.errors import JobError
 from yesnt.io import capture
 from yesnt.io.exr import read_header
-from yesnt.io.jobfile import frame_path, frames_on_disk, load_shot, parse_frames
+from yesnt.io.jobfile import frame_path, frames_on_disk, load_shot, parse_frames, pass_patterns
 from yesnt.io.mesh import read_mesh
 from yesnt.io.output import OutputFolder
 from yesnt.shot import Job, Shot
@@ -151,7 +151,7 @@ def _sequences(shot: Shot) -> Iterable[str]:
     if shot.proxy:
         yield shot.proxy.path
     if shot.decompose.path:
-        yield shot.decompose.path
+        yield from pass_patterns(shot.decompose.path).values()
     if shot.background:
         yield shot.background.path
 

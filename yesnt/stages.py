@@ -21,7 +21,7 @@ from yesnt.decompose.settings import REUSE_ONLY, keyframe_after
 from yesnt.decompose.window import Window, plan_windows
 from yesnt.exchange import Exchange
 from yesnt.graph import Node
-from yesnt.io.jobfile import frame_path
+from yesnt.io.jobfile import frame_path, pass_patterns
 from yesnt.io.preview import REEL
 from yesnt.io.records import key_of
 from yesnt.io.store import ArrayForm
@@ -185,10 +185,10 @@ class ShotPlan:
     def decompose(self, frame: int, keys: Keys) -> Node:
         """Members of one frame, their mean and spread; between keyframes only what the keyframe cannot tell."""
         shot, position, keyframe = self.job.shot, self.job.position(frame), self.keyframes.get(frame)
-        passes: dict[str, Any] = {"path": shot.decompose.path is not None}
-        settings = passes if self.backend is None else self._sampling()
+        settings: dict[str, Any] = {"passes": "made before"} if self.backend is None else self._sampling()
         settings["colorspace"] = shot.plate.colorspace
-        inputs = self._inputs(frame, plate=shot.plate.path, passes=shot.decompose.path)
+        passes = pass_patterns(shot.decompose.path) if shot.decompose.path else {}
+        inputs = self._inputs(frame, plate=shot.plate.path, **passes)
         covering = [w for w in self.windows if position in w.span]
         mix = {f"window.{w.lane}": w.weights[position - w.span.start] for w in covering}
         upstream = [(stage, frame) for stage in mix]

@@ -52,7 +52,7 @@ def _cosmos(folder: Path, knobs: Knobs) -> VideoBackend:
 def _embedded_footprint(path: Path, knobs: Knobs) -> Footprint:
     with path.open("rb") as file:  # a safetensors file begins with the length of its JSON header
         header = json.loads(file.read(int.from_bytes(file.read(8), "little")))
-    return Footprint(int(header["__metadata__"]["patch"]), 4, int(knobs.get("steps", 2)))
+    return Footprint(int(header["__metadata__"]["patch"]), 16, int(knobs.get("steps", 2)))
 
 
 def _marigold_footprint(folder: Path, knobs: Knobs) -> Footprint:
@@ -100,7 +100,7 @@ _LATENT = {"steps": int, "patch": int, "batch": int, "precision": str}
 _VIDEO = {"steps": int, "window": int, "window_overlap": int}
 
 ENTRIES = {
-    "embedded": Entry(Licence("Apache-2.0", commercial=True), 2, _embedded, _embedded_footprint, {"steps": int}),
+    "embedded": Entry(Licence("Apache-2.0", commercial=True), 3, _embedded, _embedded_footprint, {"steps": int}),
     "marigold": Entry(
         Licence("OpenRAIL++-M", commercial=True), 2, _marigold, _marigold_footprint, _LATENT, MARIGOLD
     ),

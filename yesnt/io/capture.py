@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from yesnt.camera import Camera
 from yesnt.color import srgb_decode, straighten
 from yesnt.errors import JobError
-from yesnt.io.exr import ImageHeader, read_image
-from yesnt.io.jobfile import frame_path
+from yesnt.io.exr import ExrImage, ImageHeader, read_image
+from yesnt.io.jobfile import frame_path, pass_patterns
 from yesnt.shot import Job, PlateInput
 
 MISS_Z = 1e9
@@ -83,16 +83,31 @@ def read_surface(job: Job, frame: int, camera: Camera) -> Surface:
 
 def read_passes(job: Job, frame: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Roughness and metallic made elsewhere, and their spread where the file has it: two [2, H, W] in [0, 1]."""
-    pattern = job.shot.decompose.path
-    assert pattern is not None
-    image = read_image(frame_path(job.root, pattern, frame))
-    check_size(job, image.header)
-    mean = image.stack(["roughness.Y", "metallic.Y"]).transpose(2, 0, 1)
-    _refuse_nan(~np.isfinite(mean), image.header.path, "roughness.Y, metallic.Y")
-    names = ("roughness_std.Y", "metallic_std.Y")
-    known = all(name in image.channels for name in names)
-    spread = image.stack(names).transpose(2, 0, 1) if known else np.zeros_like(mean)
+    assert job.shot.decompose.path is not None
+    patterns = pass_patterns(job.shot.decompose.path)
+    images = {name: read_image(frame_path(job.root, pattern, frame)) for name, pattern in patterns.items()}
+    for image in images.values():
+        check_size(job, image.header)
+    if "material" in images:
+        image = images["material"]
+        mean = image.stack(["roughness.Y", "metallic.Y"]).transpose(2, 0, 1)
+        names = ("roughness_std.Y", "metallic_std.Y")
+        known = all(name in image.channels for name in names)
+        spread = image.stack(names).transpose(2, 0, 1) if known else np.zeros_like(mean)
+    else:
+        mean = np.stack([_single(image, name) for name, image in images.items()])
+        spread = np.zeros_like(mean)
+    for plane, image in zip(mean, list(images.values()) * 2, strict=False):
+        _refuse_nan(~np.isfinite(plane), image.header.path, "the material")
     return np.clip(mean, 0, 1), np.clip(np.nan_to_num(spread), 0, 0.5)
+
+
+def _single(image: ExrImage, name: str) -> NDArray[np.float32]:
+    """A pass that has a file of its own, [H, W] raw data; models that paint it in three channels mean their average."""
+    for channel in (f"{name}.Y", "Y"):
+        if channel in image.channels:
+            return image.stack([channel])[..., 0]
+    return image.stack("RGB").mean(-1).astype(np.float32)
 
 
 def read_flow(job: Job, frame: int) -> NDArray[np.float32]:

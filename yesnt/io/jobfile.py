@@ -80,6 +80,10 @@ def _sequence(pattern: str) -> Any:
     return FileSequence(pattern, pad_style=PAD_STYLE_HASH1)
 
 
+PASS = "{pass}"
+"""What stands for the name of a pass in a pattern."""
+
+
 def has_frame_number(pattern: str) -> bool:
     """Whether a path has a place for a frame number (####, %04d, @@@@, $F4)."""
     return bool(_sequence(pattern).padding())
@@ -89,6 +93,17 @@ def frame_path(root: str | Path, pattern: str, frame: int) -> Path:
     """The file of one frame; a pattern without a frame number is the same file for every frame."""
     name = _sequence(pattern).frame(frame) if has_frame_number(pattern) else pattern
     return Path(os.path.expanduser(root)) / os.path.expanduser(str(name))
+
+
+def pass_patterns(pattern: str) -> dict[str, str]:
+    """Patterns of the material passes: `{pass}` in a name stands for roughness and metallic, each with its own file.
+
+    Returns:
+        Pattern by pass; the one pattern under "material" where all passes lie in one file.
+    """
+    if PASS not in pattern:
+        return {"material": pattern}
+    return {name: pattern.replace(PASS, name) for name in ("roughness", "metallic")}
 
 
 def frames_on_disk(root: str | Path, pattern: str) -> set[int]:

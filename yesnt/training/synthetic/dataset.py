@@ -123,7 +123,7 @@ def _whole(picture: Rendering, square: Square, gain: Float32) -> Float32:
     """The subject in small, exposed like the patch; what noise the camera adds is averaged away."""
     matte = picture.matte.astype(np.float32)
     straight = picture.rgb.astype(np.float32) / np.maximum(matte, 1 / 512)
-    small = small_picture(straight, matte, square)
+    small = small_picture(straight.astype(np.float32), matte, square)
     return np.concatenate([small[:3] * gain[:, None, None], small[3:]]).astype(np.float32)
 
 

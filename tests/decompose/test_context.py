@@ -6,10 +6,11 @@ from yesnt.decompose.context import CONTEXT_SIDE, Square, small_picture
 from yesnt.decompose.network import at_patch
 
 
-def _subject(height=200, width=300):
-    """A disc of radius 40 at row 120, column 90."""
+def _subject(scale=1.0):
+    """A disc of radius 40 at row 120, column 90 of 200 x 300 pixels, times `scale`."""
+    height, width = round(200 * scale), round(300 * scale)
     y, x = np.mgrid[:height, :width]
-    matte = (np.hypot(y - 120, x - 90) < 40).astype(np.float32)
+    matte = (np.hypot(y - 120 * scale, x - 90 * scale) < 40 * scale).astype(np.float32)
     rgb = np.stack([y / height, x / width, np.ones_like(matte)]).astype(np.float32) * matte
     return rgb, matte
 
@@ -41,7 +42,7 @@ def test_an_empty_matte_gives_a_black_picture():
 
 @pytest.mark.parametrize("scale", [0.3, 1, 4])
 def test_the_small_picture_keeps_straight_colours_at_any_size(scale):
-    rgb, matte = _subject(int(200 * scale), int(300 * scale))
+    rgb, matte = _subject(scale)
     square = Square.around(matte)
     small = small_picture(rgb, matte, square)
     middle = small[:, CONTEXT_SIDE // 2, CONTEXT_SIDE // 2]

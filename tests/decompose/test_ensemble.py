@@ -184,3 +184,29 @@ def test_results_are_plain_float32(fake, picture):
         assert plane.dtype == np.float32
         assert plane.flags.c_contiguous
     assert torch.is_grad_enabled()
+
+
+def test_what_a_backend_expects_counts_as_sixteen_members_in_the_mean_alone(fake, picture):
+    class Knowing(fake):
+        def expect(self, condition):
+            return torch.cat([0 * condition[:, :1] + 0.25, condition[:, 1:]], 1)
+
+    rgb, matte = picture
+    for samples in (2, 8):
+        drawn, known = (estimate_frame(rgb, matte, b, EnsembleSettings(samples), 0, 1) for b in (fake(), Knowing()))
+        inside = matte > 0
+        share = 16 / (16 + samples)
+        mixed = drawn.mean[0] + share * (0.25 - drawn.mean[0])
+        np.testing.assert_allclose(known.mean[0][inside], mixed[inside], atol=1e-6)
+        np.testing.assert_array_equal(known.std, drawn.std)
+        assert known.total_evaluations == drawn.total_evaluations
+
+
+def test_what_is_expected_lets_sampling_stop_sooner(fake, picture):
+    class Knowing(fake):
+        def expect(self, condition):
+            return condition
+
+    settings = EnsembleSettings(16, tolerance=0.02, antithetic=False)
+    plain, knowing = (estimate_frame(*picture, b, settings, 0, 1).total_evaluations for b in (fake(0.1), Knowing(0.1)))
+    assert knowing < plain

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,6 +110,15 @@ class Backend(Protocol):
         Returns:
             [B, 2, P, P] float32 roughness (Disney's r) and metallic in [0, 1].
         """
+        ...
+
+
+@runtime_checkable
+class Expecting(Protocol):
+    """What a backend offers besides, if it knows the mean of its draws without drawing."""
+
+    def expect(self, condition: torch.Tensor) -> torch.Tensor:
+        """The expected roughness and metallic [B, 2, P, P] in [0, 1] of rows that `encode` returned."""
         ...
 
 

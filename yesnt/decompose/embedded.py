@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import torch
+from torch.nn import functional
 
 from yesnt.decompose.backend import Licence
 from yesnt.decompose.context import ContextBatch
@@ -39,6 +40,13 @@ class EmbeddedBackend:
     def encode(self, rgb: torch.Tensor, matte: torch.Tensor, context: ContextBatch) -> torch.Tensor:
         """[8, 3, P, P] and [8, 1, P, P] to [8, C, P/2, P/2]."""
         return self._network.reader(rgb, matte, context)
+
+    @one_thread()
+    @torch.no_grad()
+    def expect(self, condition: torch.Tensor) -> torch.Tensor:
+        """What the reader expects, which training makes the mean of all draws."""
+        mean = functional.interpolate(condition[:, :2], scale_factor=2, mode="bilinear", align_corners=False)
+        return 0.5 + 0.5 * mean.clamp(-1, 1)
 
     @one_thread()
     @torch.no_grad()

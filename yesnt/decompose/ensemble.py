@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from yesnt.decompose.backend import Backend
+from yesnt.decompose.backend import Backend, Expecting
 from yesnt.decompose.blend import Patch, PatchGrid, PatchSum
 from yesnt.decompose.confidence import confidence as confidence
 from yesnt.decompose.context import ContextBatch, Square, small_picture
@@ -21,6 +21,10 @@ Float32 = NDArray[np.float32]
 
 _MEMORY_FOR_MEMBERS = 256 << 20
 """Bytes for members that are in memory together, at least one; a patch is encoded once for all of them."""
+
+
+_EXPECTATION = 16
+"""Members that a backend's expectation counts for in the mean: two draws beside it serve as well as 16 alone."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +63,8 @@ def estimate_frame(
 ) -> Estimate:
     """Draws the members of a frame patch by patch, blends each, then takes mean and population std over them.
 
+    A backend that knows what to expect of a patch says so; that enters the mean as 16 members would, not the std.
+
     Args:
         rgb: [H, W, 3] linear Rec.709, straight.
         matte: [H, W] coverage; patches without any are skipped.
@@ -89,8 +95,11 @@ def estimate_frame(
                 ensemble_noise((seed, frame, k), picture.grid.shape, backend.noise_sigmas, settings.antithetic)
                 for k in block
             ]
-            for value, weight in _draw(picture, active, noises, backend):
-                moments.update(value, weight)
+            drawn = _draw(picture, active, noises, backend)
+            if drawn.expected is not None and not moments.weight.any():
+                moments.expect(drawn.expected, drawn.weight)
+            for value in drawn.members:
+                moments.update(value, drawn.weight)
         total += len(active) * len(members) * backend.evaluations
     mean, std = (picture.finished(plane) for plane in moments.mean_and_std())
     if prior is not None:
@@ -154,12 +163,21 @@ class _Picture:
 
 
 class _Moments:
-    """Weighted mean and sum of squares per pixel, member by member (West 1979, the weighted form of Welford's)."""
+    """Weighted mean and sum of squares per pixel, member by member (West 1979, the weighted form of Welford's).
+
+    What a backend expects enters the mean as `_EXPECTATION` members would; the spread is of the members alone.
+    """
 
     def __init__(self, height: int, width: int) -> None:
         self.weight = np.zeros((height, width))
         self._mean = np.zeros((2, height, width))
         self._squares = np.zeros((2, height, width))
+        self._expected = np.zeros((2, height, width))
+        self._trust = np.zeros((height, width))
+
+    def expect(self, value: Float32, weight: Float32) -> None:
+        """Says what to expect: value [2, H, W], weight [H, W] as for `update`."""
+        self._expected, self._trust = value.astype(np.float64), weight.astype(np.float64) * _EXPECTATION
 
     def update(self, value: Float32, weight: Float32) -> None:
         """Adds a member: value [2, H, W], weight [H, W] in [0, 1], the share of windows that hold this member."""
@@ -172,16 +190,21 @@ class _Moments:
     def mean_and_std(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Mean and population standard deviation, [2, H, W] each; 0 where there is no member."""
         safe = np.where(self.weight > 0, self.weight, 1)
-        return self._mean, np.sqrt(np.maximum(self._squares, 0) / safe)
+        return self._mean + self._share() * (self._expected - self._mean), np.sqrt(np.maximum(self._squares, 0) / safe)
 
     def standard_error(self, antithetic: bool) -> NDArray[np.float64]:
         """[2, H, W] standard error of the mean, of independent draws; needs two members.
 
         An antithetic pair has no mean of its own to lose a degree of freedom to; that pairs do better than independent
-        draws is not counted.
+        draws is not counted, nor is the error of what the backend expects.
         """
         _, std = self.mean_and_std()
-        return std / np.sqrt(np.maximum(self.weight - (0 if antithetic else 1), 1e-9))
+        return (1 - self._share()) * std / np.sqrt(np.maximum(self.weight - (0 if antithetic else 1), 1e-9))
+
+    def _share(self) -> NDArray[np.float64]:
+        """[H, W] share of the expectation in the mean."""
+        total = self._trust + self.weight
+        return np.divide(self._trust, total, out=np.zeros_like(total), where=total > 0)
 
 
 def _unsettled(
@@ -200,12 +223,20 @@ def _unsettled(
     return tuple(kept)
 
 
-def _draw(
-    picture: _Picture, patches: Sequence[Patch], noises: Sequence[Float32], backend: Backend
-) -> Iterator[tuple[Float32, Float32]]:
-    """Blended members: yields (value [2, H, W], weight [H, W]) for every noise field."""
+@dataclass(frozen=True)
+class _Drawn:
+    """Members of a block: `members` yields [2, H, W] each; all have the same `weight` [H, W]."""
+
+    members: Iterator[Float32]
+    expected: Float32 | None
+    weight: Float32
+
+
+def _draw(picture: _Picture, patches: Sequence[Patch], noises: Sequence[Float32], backend: Backend) -> _Drawn:
+    """Blended members, one for every noise field, and what the backend expects if it says so."""
     grid = picture.grid
     sums = [PatchSum(grid, 2) for _ in noises]
+    expected = PatchSum(grid, 2) if isinstance(backend, Expecting) else None
     weights = PatchSum(grid, 1)
     for start in range(0, len(patches), backend.batch):
         chosen = patches[start : start + backend.batch]
@@ -214,16 +245,25 @@ def _draw(
             _batch(grid, picture.matte[None], chosen, backend.batch),
             picture.context(chosen, backend.batch),
         )
+        if expected is not None and isinstance(backend, Expecting):
+            _add(expected, chosen, backend.expect(condition))
         for noise, member in zip(noises, sums, strict=True):
-            values = backend.sample(condition, _batch(grid, noise, chosen, backend.batch)).numpy(force=True)
-            for patch, value in zip(chosen, values, strict=False):
-                member.add(patch, np.clip(value, 0, 1))
+            _add(member, chosen, backend.sample(condition, _batch(grid, noise, chosen, backend.batch)))
         for patch in chosen:
             weights.add(patch, np.ones((1, grid.size, grid.size), np.float32))
     weight = weights.value()[0]
     safe = np.where(weight > 0, weight, np.float32(1))
-    for member in sums:
-        yield (member.value() / safe).astype(np.float32), weight
+    return _Drawn((_shared(m, safe) for m in sums), None if expected is None else _shared(expected, safe), weight)
+
+
+def _add(total: PatchSum, patches: Sequence[Patch], values: torch.Tensor) -> None:
+    """Adds the rows [B, 2, P, P] that belong to patches."""
+    for patch, value in zip(patches, values.numpy(force=True), strict=False):
+        total.add(patch, np.clip(value, 0, 1))
+
+
+def _shared(total: PatchSum, weight: Float32) -> Float32:
+    return (total.value() / weight).astype(np.float32)
 
 
 def _batch(grid: PatchGrid, image: Float32, patches: Sequence[Patch], rows: int) -> torch.Tensor:

@@ -25,7 +25,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
     torch.set_num_threads(options.threads)
     options.folder.mkdir(parents=True, exist_ok=True)
-    settings = TrainingSettings(seed=options.seed, reading=options.reading, steps=options.steps, people=options.people)
+    settings = TrainingSettings(
+        seed=options.seed, usual=options.usual, reading=options.reading, again=options.again, drawing=options.drawing,
+        people=options.people,
+    )  # fmt: skip
     if options.only != "weights" and settings.people:
         _make_people(options.folder, settings)
     if options.only != "pictures":
@@ -36,8 +39,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="yesnt.training", description=__doc__)
     parser.add_argument("folder", type=Path, help="bodies, pictures, checkpoint and weights go here")
-    parser.add_argument("--reading", type=int, default=TrainingSettings.reading, help="steps of the first part")
-    parser.add_argument("--steps", type=int, default=TrainingSettings.steps, help="steps of both parts")
+    for part in ("usual", "reading", "again", "drawing"):
+        default = getattr(TrainingSettings, part)
+        parser.add_argument(f"--{part}", type=int, default=default, help=f"steps; by default {default}")
     parser.add_argument("--people", type=int, default=TrainingSettings.people, help="0: things only, without `anny`")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--threads", type=int, default=1)

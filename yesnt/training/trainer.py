@@ -15,12 +15,16 @@ from yesnt.decompose.noise_planes import member_noise
 from yesnt.decompose.weights import PATCH, SMOOTH_SIGMAS, channels_last, save_weights
 from yesnt.errors import JobError
 from yesnt.training.losses import energy_score, reading_loss, whole_loss
-from yesnt.training.pictures import PEOPLE, everybody, open_person, person_path
-from yesnt.training.synthetic.dataset import Patches, crop, draw_patches
-from yesnt.training.synthetic.materials import CLASSES
+from yesnt.training.pictures import PEOPLE, WARDROBES, everybody, habits_of, open_person, person_path
+from yesnt.training.synthetic.dataset import USUAL, Patches, Variety, crop, draw_patches
+from yesnt.training.synthetic.materials import CLASSES, Habits
 
 _PATIENCE = 900.0
 """Seconds that a step waits for a picture which another process is to make."""
+
+
+_FAR = Variety(Habits(bold=0.35, toned=0.3, painted=0.4), turned=0.5)
+"""Pictures that punish going by colour."""
 
 
 @dataclass(frozen=True)
@@ -29,21 +33,25 @@ class TrainingSettings:
 
     Attributes:
         seed: of data, noise and first weights.
+        usual: steps before pictures go beyond the usual (`_FAR`): prints, borrowed and turned colours.
         reading: steps of the first part, in which the reader alone learns what to expect.
-        steps: optimiser steps of both parts; in the second the denoiser learns to draw, the reader learns on slowly.
+        again: steps of the second part, which does the same from half the rate.
+        drawing: steps of the third part, in which the denoiser learns to draw and the reader learns on slowly.
         batch: patches per step.
         of_people: how many of them show people; the others show heaps of things.
         people: dressed people of the archive that are shown; 0: heaps alone.
         first: people that must be there before the first step.
         every: steps after which one more is asked for, so that pictures can be made while the training runs.
         patch: side of a patch.
-        rate: highest learning rate; in the second part the reader has a fifth of it.
+        rate: highest learning rate.
         ema: decay of the averaged weights.
     """
 
     seed: int = 0
+    usual: int = 1900
     reading: int = 3600
-    steps: int = 4700
+    again: int = 1000
+    drawing: int = 900
     batch: int = 8
     of_people: int = 5
     people: int = PEOPLE
@@ -52,6 +60,11 @@ class TrainingSettings:
     patch: int = PATCH
     rate: float = 1.2e-3
     ema: float = 0.997
+
+    @property
+    def steps(self) -> int:
+        """Of all parts."""
+        return self.reading + self.again + self.drawing
 
 
 class Trainer:
@@ -127,26 +140,41 @@ class Trainer:
         shown = s.of_people if s.people else 0
         rng = np.random.Generator(np.random.Philox(key=[s.seed, 1_000_000_000 + self.step]))
         crops = [self._of_a_person(rng) for _ in range(shown)]
-        heaps = [draw_patches(s.seed, 1_000_000 + self.step * s.batch + i, 1, s.patch) for i in range(s.batch - shown)]
+        variety = self._variety()
+        heaps = [
+            draw_patches(s.seed, 1_000_000 + self.step * s.batch + i, 1, s.patch, variety)
+            for i in range(s.batch - shown)
+        ]
         return Patches.join([*([Patches.stack(crops)] if crops else []), *heaps])
+
+    def _variety(self) -> Variety:
+        return USUAL if self.step < self.settings.usual else _FAR
 
     def _of_a_person(self, rng: np.random.Generator) -> Patches:
         """A crop of one of the people that a training at this step may count on."""
         s = self.settings
-        there = min(len(self._people), s.first + self.step // s.every)
-        path = person_path(self.folder, s.seed, self._people[int(rng.integers(there))])
+        people = self._people[: s.first + self.step // s.every]
+        if self.step >= s.usual:
+            habits = WARDROBES[int(rng.integers(len(WARDROBES)))][1]
+            people = [number for number in people if habits_of(number) == habits]
+        path = person_path(self.folder, s.seed, people[int(rng.integers(len(people)))])
         _await(path)
         views = open_person(path)
         picture = views[int(rng.integers(len(views)))]
-        return crop(rng, picture, s.patch, np.exp(rng.uniform(0, 0.5)) if rng.random() < 0.4 else 1.0)
+        shrink = np.exp(rng.uniform(0, 0.5)) if rng.random() < 0.4 else 1.0
+        return crop(rng, picture, s.patch, shrink, self._variety().turned)
 
     def _rates(self) -> tuple[float, float]:
         """Learning rates of reader and denoiser."""
         s = self.settings
-        if self.step < s.reading:
-            return s.rate * _course(self.step, s.reading), 0.0
-        rate = s.rate * _course(self.step - s.reading, s.steps - s.reading)
-        return rate / 5, rate
+        parts = ((s.reading, 1.0, 0.0), (s.again, 0.5, 0.0), (s.drawing, 0.2, 1.0))
+        done = self.step
+        for length, reader, denoiser in parts:
+            if done < length:
+                rate = s.rate * _course(done, length)
+                return reader * rate, denoiser * rate
+            done -= length
+        raise ValueError(f"the training ends after {s.steps} steps")
 
     def _loss(self, patches: Patches) -> torch.Tensor:
         rgb, matte, truth, kind, whole, place, whole_truth, whole_kind = (
@@ -157,7 +185,7 @@ class Trainer:
         condition = self.network.reader.read(rgb, matte, features, place)
         loss = reading_loss(condition, self.classes(condition), clean, kind, matte)
         loss = loss + 0.5 * whole_loss(self.whole(features), whole_truth, whole_kind)
-        if self.step < self.settings.reading:
+        if self.step < self.settings.reading + self.settings.again:
             return loss
         # Two random draws give signs, not errors: a noisy gradient, which passed down would undo what was read.
         return loss + energy_score(*self._draws(condition.detach(), clean), clean, matte)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import cv2
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from yesnt.decompose.context import CONTEXT_SIDE, Square, small_picture
 from yesnt.training.synthetic.light import draw_light
+from yesnt.training.synthetic.materials import EVERYDAY, Habits
 from yesnt.training.synthetic.render import Rendering, render
 from yesnt.training.synthetic.scene import draw_scene
 
@@ -64,6 +65,11 @@ class Patches:
         planes = {f.name: np.ascontiguousarray(getattr(self, f.name)[..., ::-1]) for f in fields(self)}
         return Patches(**{**planes, "place": np.array([top, 1 - left - side, side], np.float32)})
 
+    def mixed(self, mix: Float32) -> Patches:
+        """A single example in other colours, [3, 3] from the old."""
+        whole = np.concatenate([np.einsum("ij,jyx->iyx", mix, self.whole[:3]), self.whole[3:]])
+        return replace(self, rgb=np.einsum("ij,jyx->iyx", mix, self.rgb), whole=whole)
+
     def transposed(self) -> Patches:
         """A single example with rows and columns exchanged."""
         planes = {
@@ -74,22 +80,38 @@ class Patches:
         return Patches(**planes, place=self.place[[1, 0, 2]])
 
 
-def draw_patches(seed: int, index: int, count: int, patch: int) -> Patches:
+@dataclass(frozen=True)
+class Variety:
+    """How far pictures go beyond what is usual.
+
+    Attributes:
+        habits: how stuff in heaps is coloured.
+        turned: probability that an example's colours are turned: blue skin, a grey world.
+    """
+
+    habits: Habits = EVERYDAY
+    turned: float = 0.0
+
+
+USUAL = Variety()
+
+
+def draw_patches(seed: int, index: int, count: int, patch: int, variety: Variety = USUAL) -> Patches:
     """Draws `count` patches of heap number `index`: crops, mirrored and seen through different cameras."""
     rng = np.random.Generator(np.random.Philox(key=[seed, index]))
-    picture = draw_picture(rng, patch + MARGIN)
-    return Patches.stack([crop(rng, picture, patch) for _ in range(count)])
+    picture = draw_picture(rng, patch + MARGIN, variety.habits)
+    return Patches.stack([crop(rng, picture, patch, turned=variety.turned) for _ in range(count)])
 
 
-def draw_picture(rng: np.random.Generator, size: int) -> Rendering:
+def draw_picture(rng: np.random.Generator, size: int, habits: Habits = EVERYDAY) -> Rendering:
     """Renders one scene of size x size pixels that fills at least a fifth of it."""
     while True:
-        scene = draw_scene(rng, 2 * size)
+        scene = draw_scene(rng, 2 * size, habits)
         if (scene.geometry.material >= 0).mean() > 0.2:
             return render(scene.geometry, scene.paints(), draw_light(rng))
 
 
-def crop(rng: np.random.Generator, picture: Rendering, patch: int, shrink: float = 1.0) -> Patches:
+def crop(rng: np.random.Generator, picture: Rendering, patch: int, shrink: float = 1.0, turned: float = 0.0) -> Patches:
     """A random patch, a single example, with at least a twelfth of it inside the matte (best of ten tries).
 
     Args:
@@ -97,6 +119,7 @@ def crop(rng: np.random.Generator, picture: Rendering, patch: int, shrink: float
         picture: at least `shrink` times as large as the patch.
         patch: side P.
         shrink: the patch shows so many times its size of the picture, averaged.
+        turned: probability that the colours are turned.
     """
     side = min(round(patch * shrink), *picture.matte.shape)
     room = np.array(picture.matte.shape) - side + 1
@@ -116,7 +139,19 @@ def crop(rng: np.random.Generator, picture: Rendering, patch: int, shrink: float
         example = example.mirrored()
     if rng.random() < 0.1:
         example = example.transposed()
+    if turned > 0 and rng.random() < turned:
+        example = example.mixed(_draw_mix(rng))
     return example
+
+
+def _draw_mix(rng: np.random.Generator) -> Float32:
+    """[3, 3] new colours from old: channels exchanged, half of the time paler as well, down to grey.
+
+    Under white light that is the picture of a world in these colours: rows sum to 1, so a white highlight stays white.
+    It leaves shape, print and gloss to tell a stuff by.
+    """
+    strength = 1.0 if rng.random() < 0.5 else rng.random()
+    return (strength * np.eye(3)[rng.permutation(3)] + (1 - strength) / 3).astype(np.float32)
 
 
 def _whole(picture: Rendering, square: Square, gain: Float32) -> Float32:

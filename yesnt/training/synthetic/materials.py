@@ -91,6 +91,7 @@ class MaterialClass:
 _PRINTS = ("stripes", "checks", "dots", "blotches")
 _BOLD = ("checks", "checks", "chequers", "chequers", "stripes", "stripes", "dots")
 _PRINTABLE = ("woven", "knit", "satin", "denim", "leather")
+_GLAZED = ("ceramic", "plastic", "moulded plastic", "wood")
 _DYED = (*_PRINTABLE, "rubber", "plastic", "moulded plastic")
 _TONES = ("skin", "skin", "skin", "hair", "leather", "polished metal")
 """Classes whose colours other stuff wears too: a beige shirt, a grey glove."""
@@ -98,15 +99,17 @@ _TONES = ("skin", "skin", "skin", "hair", "leather", "polished metal")
 
 @dataclass(frozen=True)
 class Habits:
-    """What somebody likes to wear.
+    """How stuff is coloured beyond what its class does by itself.
 
     Attributes:
         bold: probability that cloth is printed with checks, chequers, stripes or dots.
         toned: probability that cloth, rubber or plastic has a colour of skin, hair, leather or metal.
+        painted: as `bold`, of ceramic, plastic and wood.
     """
 
     bold: float = 0.0
     toned: float = 0.0
+    painted: float = 0.0
 
 
 EVERYDAY = Habits()
@@ -158,7 +161,8 @@ def paint(rng: np.random.Generator, name: str, habits: Habits = EVERYDAY) -> NDA
     toned = habits.toned > 0 and name in _DYED and rng.random() < habits.toned
     base = _colour(rng, CLASSES[str(rng.choice(_TONES))] if toned else kind)
     tile = str(rng.choice(kind.tiles))
-    dressed = habits.bold > 0 and name in _PRINTABLE and rng.random() < habits.bold
+    chance = habits.bold if name in _PRINTABLE else habits.painted if name in _GLAZED else 0
+    dressed = chance > 0 and rng.random() < chance
     if dressed:
         tile = str(rng.choice(_BOLD))
     # A print is two paints on one cloth: strong contrast, no other roughness.

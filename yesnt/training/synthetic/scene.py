@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.training.synthetic.materials import MATERIAL, draw_class, paint
+from yesnt.training.synthetic.materials import EVERYDAY, MATERIAL, Habits, draw_class, paint
 from yesnt.training.synthetic.shapes import GeometryBuffer
 
 Float64 = NDArray[np.float64]
@@ -25,17 +25,19 @@ class Scene:
     Attributes:
         geometry: what is seen, at twice the picture's resolution.
         rng: source of every choice.
+        habits: how stuff is coloured.
         materials: the paints, numbered as in `geometry.material`.
     """
 
     geometry: GeometryBuffer
     rng: np.random.Generator
+    habits: Habits = EVERYDAY
     materials: list[NDArray[np.void]] = field(default_factory=list)
 
     def paint(self, names: tuple[str, ...] = ()) -> int:
         """Adds a material of one of the classes (none: of any) and returns its number."""
         name = str(self.rng.choice(names)) if names else draw_class(self.rng)
-        self.materials.append(paint(self.rng, name))
+        self.materials.append(paint(self.rng, name, self.habits))
         return len(self.materials) - 1
 
     def paints(self) -> NDArray[np.void]:
@@ -43,9 +45,9 @@ class Scene:
         return np.array(self.materials, dtype=MATERIAL)
 
 
-def draw_scene(rng: np.random.Generator, size: int) -> Scene:
+def draw_scene(rng: np.random.Generator, size: int, habits: Habits = EVERYDAY) -> Scene:
     """Fills a canvas of size x size: a third with a figure of plain solids, the others with objects or sheets."""
-    scene = Scene(GeometryBuffer.empty(size), rng)
+    scene = Scene(GeometryBuffer.empty(size), rng, habits)
     kind = rng.random()
     if kind < 0.35:
         _figure(scene, size)

@@ -15,6 +15,7 @@ import numpy as np
 import torch
 from torch.nn import functional as F
 
+from yesnt.decompose.context import ContextBatch
 from yesnt.decompose.network import Network, NetworkShape
 from yesnt.decompose.weights import PATCH
 from yesnt.training.losses import reading_loss
@@ -24,15 +25,17 @@ from yesnt.training.synthetic.materials import CLASSES
 SEED = 1_000_007
 """Of the pictures; training's own seed is 0."""
 
-SILENCED = ("merges.0.coarse", "merges.1.coarse", "merges.2.coarse", "statistics", "overview.mix.2")
+SILENCED = ("merges.0.coarse", "merges.1.coarse", "merges.2.coarse", "statistics", "informed", "overview.mix.2")
 
 
 def figures(reader, classes, patches):
     losses, hits, squares, variances = [], [], [], []
     for rows in np.array_split(np.arange(len(patches.rgb)), max(1, len(patches.rgb) // 20)):
-        rgb, matte, truth, kind = (torch.from_numpy(np.ascontiguousarray(p[rows])) for p in patches.planes())
+        rgb, matte, truth, kind, whole, place = (
+            torch.from_numpy(np.ascontiguousarray(p[rows])) for p in patches.planes()[:6]
+        )
         with torch.no_grad():
-            read = reader(rgb, matte)
+            read = reader(rgb, matte, ContextBatch(whole, place))
             told = classes(read)
         losses.append(float(reading_loss(read, told, 2 * truth - 1, kind, matte)))
         inside = F.avg_pool2d(matte, 2)[:, 0] > 0.99
@@ -53,8 +56,7 @@ def main():
     network, classes = Network(shape), torch.nn.Conv2d(shape.condition, len(CLASSES), 1)
     network.load_state_dict(state["network"])
     classes.load_state_dict(state["classes"])
-    drawn = [draw_patches(SEED, i, 2, PATCH).planes() for i in range(options.pictures)]
-    patches = Patches(*(np.concatenate(planes) for planes in zip(*drawn, strict=True)))
+    patches = Patches.join([draw_patches(SEED, i, 2, PATCH) for i in range(options.pictures)])
     reader = network.reader
     loss, accuracy, error, constant = figures(reader, classes, patches)
     print(f"step {state['step']}: loss {loss:.3f}, class accuracy {accuracy:.3f}")

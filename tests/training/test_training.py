@@ -13,7 +13,8 @@ from yesnt.training.losses import energy_score, reading_loss
 from yesnt.training.trainer import Trainer, TrainingSettings, train
 
 TINY = NetworkShape(widths=(8, 8, 16), depths=(1, 1, 1), condition=8, denoiser=(8, 8))
-SETTINGS = TrainingSettings(reading=2, steps=4, batch=2, people=0, patch=32)
+SHORT = "--usual 0 --reading 1 --again 0 --drawing 1 --people 0".split()
+SETTINGS = TrainingSettings(usual=1, reading=2, again=1, drawing=1, batch=2, people=0, patch=32)
 
 
 def whole(rows, order=None):
@@ -95,7 +96,7 @@ def test_training_resumed_is_training_uninterrupted(tmp_path):
 
 @pytest.mark.parametrize("reading", [0, 60])
 def test_training_lowers_the_loss_in_both_parts(tmp_path, reading):
-    settings = TrainingSettings(reading=reading, steps=120, batch=2, people=0, patch=32, rate=5e-3)
+    settings = TrainingSettings(reading=reading, again=0, drawing=120, batch=2, people=0, patch=32, rate=5e-3)
     trainer = Trainer(settings, TINY, tmp_path)
     losses = [trainer.advance() for _ in range(30)]
     assert np.mean(losses[-8:]) < 0.85 * np.mean(losses[:4])
@@ -118,7 +119,7 @@ def test_a_missing_picture_is_named_after_the_patience_ends(tmp_path, monkeypatc
 
 def test_command_writes_weights_that_load(tmp_path, monkeypatch):
     monkeypatch.setattr("yesnt.training.__main__.NetworkShape", lambda: TINY)
-    assert main([str(tmp_path / "new"), "--reading", "1", "--steps", "1", "--people", "0"]) == 0
+    assert main([str(tmp_path / "new"), *SHORT]) == 0
     network, patch = load_weights(tmp_path / "new" / "embedded.safetensors")
     assert network.shape == TINY
     assert patch == PATCH
@@ -169,3 +170,12 @@ def test_missing_and_broken_weights_are_told_apart(tmp_path):
     broken.write_bytes(b"no safetensors")
     with pytest.raises(CorruptError, match="restore the file"):
         load_weights(broken)
+
+
+def test_everything_is_made_on_the_network_s_device(tiny_weights):
+    """The meta device computes nothing but refuses tensors of other devices, as CUDA would."""
+    backend = EmbeddedBackend(tiny_weights, steps=2, device="meta")
+    condition = backend.encode(torch.rand(8, 3, 32, 32), torch.ones(8, 1, 32, 32), whole(8))
+    drawn = backend.sample(condition, torch.randn(8, len(backend.noise_sigmas), 32, 32))
+    assert drawn.device.type == backend.expect(condition).device.type == "meta"
+    assert drawn.shape == backend.expect(condition).shape == (8, 2, 32, 32)

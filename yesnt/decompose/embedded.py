@@ -9,6 +9,7 @@ from torch.nn import functional
 
 from yesnt.decompose.backend import Licence
 from yesnt.decompose.context import ContextBatch
+from yesnt.decompose.latents import default_device
 from yesnt.decompose.network import noised
 from yesnt.decompose.threads import one_thread
 from yesnt.decompose.weights import SHIPPED, SMOOTH_SIGMAS, file_digest, load_weights
@@ -20,6 +21,7 @@ class EmbeddedBackend:
     Args:
         path: weights; the shipped ones by default.
         steps: sampling steps, 1 .. 4; step i starts at time 1 - i / steps.
+        device: where the network lies; CUDA where there is one by default.
     """
 
     name = "embedded"
@@ -27,10 +29,12 @@ class EmbeddedBackend:
     batch = 8
     align = 16
 
-    def __init__(self, path: Path = SHIPPED, steps: int = 2) -> None:
+    def __init__(self, path: Path = SHIPPED, steps: int = 2, device: str | None = None) -> None:
         if not 1 <= steps <= 4:
             raise ValueError(f"steps {steps} must be 1 .. 4")
-        self._network, self.patch = load_weights(path)
+        network, self.patch = load_weights(path)
+        self._device = device or default_device()
+        self._network = network.to(self._device)
         self.weights_digest = file_digest(path)
         self.evaluations = steps
         self.noise_sigmas = (0.0, 0.0, *SMOOTH_SIGMAS) * steps
@@ -39,7 +43,8 @@ class EmbeddedBackend:
     @torch.no_grad()
     def encode(self, rgb: torch.Tensor, matte: torch.Tensor, context: ContextBatch) -> torch.Tensor:
         """[8, 3, P, P] and [8, 1, P, P] to [8, C, P/2, P/2]."""
-        return self._network.reader(rgb, matte, context)
+        told = ContextBatch(*(plane.to(self._device) for plane in context))
+        return self._network.reader(rgb.to(self._device), matte.to(self._device), told)
 
     @one_thread()
     @torch.no_grad()
@@ -53,8 +58,8 @@ class EmbeddedBackend:
     def sample(self, condition: torch.Tensor, noise: torch.Tensor) -> torch.Tensor:
         """Denoises from pure noise; between steps the draw is noised again with fresh planes."""
         steps, clean = self.evaluations, torch.zeros(())
-        for i, planes in enumerate(noise.chunk(steps, 1)):
-            time = torch.full((len(noise),), 1 - i / steps)
+        for i, planes in enumerate(noise.to(self._device).chunk(steps, 1)):
+            time = torch.full((len(noise),), 1 - i / steps, device=self._device)
             state = planes[:, :2] if i == 0 else noised(clean, planes[:, :2], time)
             clean = self._network.denoiser(state, planes[:, 2:], condition, time).clamp(-1, 1)
         return 0.5 + 0.5 * clean

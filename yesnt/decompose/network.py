@@ -137,7 +137,7 @@ class ContextReader(nn.Module):
     def forward(self, picture: torch.Tensor) -> torch.Tensor:
         """[B, 4, S, S] straight rgb and matte to [B, widths[1], S/4, S/4]."""
         rgb, matte = picture[:, :3], picture[:, 3:]
-        across = torch.linspace(-1, 1, picture.shape[-1]).expand(len(picture), 1, *picture.shape[2:])
+        across = torch.linspace(-1, 1, picture.shape[-1], device=picture.device).expand_as(matte)
         planes = [colour_code(rgb) * (matte > 0), matte, across, across.transpose(2, 3)]
         x = self.stem(F.pixel_unshuffle(torch.cat(planes, 1), 2))
         seen = []
@@ -163,7 +163,7 @@ def at_patch(features: torch.Tensor, place: torch.Tensor, cells: int) -> torch.T
     Returns:
         [B, C, cells, cells]; beyond the picture's edge its nearest value.
     """
-    steps = (torch.arange(cells) + 0.5) / cells
+    steps = (torch.arange(cells, device=place.device) + 0.5) / cells
     rows = place[:, 0:1] + place[:, 2:] * steps
     columns = place[:, 1:2] + place[:, 2:] * steps
     grid = torch.stack([columns[:, None, :].expand(-1, cells, -1), rows[:, :, None].expand(-1, -1, cells)], -1)

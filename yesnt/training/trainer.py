@@ -50,7 +50,7 @@ class TrainingSettings:
     seed: int = 0
     usual: int = 1900
     reading: int = 3600
-    again: int = 1000
+    again: int = 1500
     drawing: int = 900
     batch: int = 8
     of_people: int = 5

@@ -53,6 +53,21 @@ def sparsification(error, std):
     return float(np.mean(by_std - oracle) / max(by_std[0], 1e-9))
 
 
+class Regression:
+    """The embedded reader alone: what it expects, without a draw; a regression network of the same size."""
+
+    def __init__(self, backend):
+        self._backend = backend
+
+    def __getattr__(self, name):
+        if name == "expect":  # then its mean would be mixed with itself
+            raise AttributeError(name)
+        return getattr(self._backend, name)
+
+    def sample(self, condition, noise):
+        return self._backend.expect(condition)
+
+
 def measure(truth, mean, std):
     """Figures over all pixels; every array [2, n]."""
     error = mean - truth
@@ -100,7 +115,7 @@ def main():
     settings = EnsembleSettings(options.samples, tolerance=options.tolerance)
     plates = sorted(options.folder.glob("plate.*.exr"))
     chosen = [plates[i] for i in np.unique(np.linspace(0, len(plates) - 1, options.frames).astype(int))]
-    parts, strips, seconds, evaluations = [], [], [], []
+    parts, strips, seconds, evaluations, regressed = [], [], [], [], []
     for path in chosen:
         number = path.name.split(".")[1]
         plate = read_image(path).stack("RGBA")
@@ -110,10 +125,14 @@ def main():
         estimate = estimate_frame(rgb, matte, backend, settings, 0, int(number))
         seconds.append(time.perf_counter() - start)
         evaluations.append(estimate.total_evaluations)
+        alone = estimate_frame(rgb, matte, Regression(backend), EnsembleSettings(1), 0, int(number))
         inside = matte > 0.99
+        regressed.append(alone.mean[:, inside] - truth[inside].T)
         parts.append([truth[inside].T, estimate.mean[:, inside], estimate.std[:, inside]])
         strips.append(strip(plate[..., :3], truth.transpose(2, 0, 1) * matte, estimate.mean, estimate.std))
     figures = measure(*(np.concatenate(group, 1) for group in zip(*parts, strict=True)))
+    for plane, name in zip(np.concatenate(regressed, 1), ("roughness", "metallic"), strict=True):
+        figures[name]["rmse_of_the_regression"] = rmse(plane)
     figures["seconds_per_frame"], figures["evaluations_per_frame"] = (
         float(np.median(seconds)),
         float(np.mean(evaluations)),

@@ -33,7 +33,12 @@ def energy_score(first: torch.Tensor, second: torch.Tensor, clean: torch.Tensor,
 
 
 def reading_loss(
-    condition: torch.Tensor, classes: torch.Tensor, clean: torch.Tensor, kind: torch.Tensor, matte: torch.Tensor
+    condition: torch.Tensor,
+    classes: torch.Tensor,
+    clean: torch.Tensor,
+    kind: torch.Tensor,
+    weights: torch.Tensor,
+    importance: torch.Tensor | None = None,
 ) -> torch.Tensor:
     """Squared error of the expected material, and the class: what a thing is made of is what a picture tells first.
 
@@ -42,22 +47,24 @@ def reading_loss(
         classes: [B, classes, P/2, P/2] scores.
         clean: [B, 2, P, P] truth in [-1, 1].
         kind: [B, P, P] class, -1 outside the matte.
-        matte: [B, 1, P, P] weights.
+        weights: [B, 1, P, P] coverage times importance.
+        importance: [classes] of a pixel of each class; None: all count alike.
     """
-    cover = F.avg_pool2d(matte, 2)
-    mean = F.avg_pool2d(clean * matte, 2) / cover.clamp_min(1e-3)
+    cover = F.avg_pool2d(weights, 2)
+    mean = F.avg_pool2d(clean * weights, 2) / cover.clamp_min(1e-3)
     square = ((condition[:, :2] - mean).square() * cover).sum() / (2 * cover.sum())
-    return square + 0.1 * F.cross_entropy(classes, kind[:, ::2, ::2], ignore_index=-1)
+    return square + 0.1 * F.cross_entropy(classes, kind[:, ::2, ::2], importance, ignore_index=-1)
 
 
-def whole_loss(scores: torch.Tensor, truth: torch.Tensor, kind: torch.Tensor) -> torch.Tensor:
+def whole_loss(scores: torch.Tensor, truth: torch.Tensor, kind: torch.Tensor, importance: torch.Tensor) -> torch.Tensor:
     """As `reading_loss`, of the subject in small: every example teaches where on a subject which stuff is worn.
 
     Args:
         scores: [B, 2 + classes, h, w] expected roughness and metallic in [-1, 1], then the classes.
         truth: [B, 3, h, w] roughness and metallic in [0, 1], coverage.
         kind: [B, h, w] class, -1 outside the matte.
+        importance: [classes] of a pixel of each class.
     """
-    cover = truth[:, 2:]
+    cover = truth[:, 2:] * importance[kind.clamp_min(0)][:, None]
     square = ((scores[:, :2] - (2 * truth[:, :2] - 1)).square() * cover).sum() / (2 * cover.sum())
-    return square + 0.1 * F.cross_entropy(scores[:, 2:], kind, ignore_index=-1)
+    return square + 0.1 * F.cross_entropy(scores[:, 2:], kind, importance, ignore_index=-1)

@@ -17,7 +17,7 @@ from yesnt.errors import JobError
 from yesnt.training.losses import energy_score, reading_loss, whole_loss
 from yesnt.training.pictures import PEOPLE, WARDROBES, everybody, habits_of, open_person, person_path
 from yesnt.training.synthetic.dataset import USUAL, Patches, Variety, crop, draw_patches
-from yesnt.training.synthetic.materials import CLASSES, Habits
+from yesnt.training.synthetic.materials import CLASSES, Habits, importance
 
 _PATIENCE = 900.0
 """Seconds that a step waits for a picture which another process is to make."""
@@ -34,6 +34,7 @@ class TrainingSettings:
     Attributes:
         seed: of data, noise and first weights.
         usual: steps before pictures go beyond the usual (`_FAR`): prints, borrowed and turned colours.
+        alike: steps before seldom classes count less (`materials.SELDOM`).
         reading: steps of the first part, in which the reader alone learns what to expect.
         again: steps of the second part, which does the same from half the rate.
         drawing: steps of the third part, in which the denoiser learns to draw and the reader learns on slowly.
@@ -49,6 +50,7 @@ class TrainingSettings:
 
     seed: int = 0
     usual: int = 1900
+    alike: int = 4100
     reading: int = 3600
     again: int = 1500
     drawing: int = 900
@@ -147,6 +149,11 @@ class Trainer:
         ]
         return Patches.join([*([Patches.stack(crops)] if crops else []), *heaps])
 
+    def _importance(self) -> torch.Tensor:
+        """[classes] how much a pixel counts: alike until the classes are told apart, then as often as they are worn."""
+        told = torch.from_numpy(importance())
+        return torch.ones_like(told) if self.step < self.settings.alike else told
+
     def _variety(self) -> Variety:
         return USUAL if self.step < self.settings.usual else _FAR
 
@@ -183,12 +190,14 @@ class Trainer:
         clean = 2 * truth - 1
         features = self.network.reader.context(whole)
         condition = self.network.reader.read(rgb, matte, features, place)
-        loss = reading_loss(condition, self.classes(condition), clean, kind, matte)
-        loss = loss + 0.5 * whole_loss(self.whole(features), whole_truth, whole_kind)
+        counts = self._importance()
+        weights = matte * counts[kind.clamp_min(0)][:, None]
+        loss = reading_loss(condition, self.classes(condition), clean, kind, weights, counts)
+        loss = loss + 0.5 * whole_loss(self.whole(features), whole_truth, whole_kind, counts)
         if self.step < self.settings.reading + self.settings.again:
             return loss
         # Two random draws give signs, not errors: a noisy gradient, which passed down would undo what was read.
-        return loss + energy_score(*self._draws(condition.detach(), clean), clean, matte)
+        return loss + energy_score(*self._draws(condition.detach(), clean), clean, weights)
 
     def _draws(self, condition: torch.Tensor, clean: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Two independent draws for every patch, each from its own noise at the patch's random time."""

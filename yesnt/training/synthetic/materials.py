@@ -150,8 +150,8 @@ PRIOR = {
 SELDOM = {"satin": 0.3, "leather": 0.45}
 """How much a pixel of a class counts in the training, where not 1.
 
-Pictures show a third of all cloth in satin and leather, so that both are learnt. Most people's clothes are neither, and a
-model that takes every third shirt for silk is wrong on most."""
+Pictures show a third of all cloth in satin and leather, so that both are learnt. Most clothes are neither, and a model
+that takes every third shirt for silk is wrong on most."""
 
 
 def importance() -> NDArray[np.float32]:

@@ -26,8 +26,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     torch.set_num_threads(options.threads)
     options.folder.mkdir(parents=True, exist_ok=True)
     settings = TrainingSettings(
-        seed=options.seed, usual=options.usual, reading=options.reading, again=options.again, drawing=options.drawing,
-        people=options.people,
+        seed=options.seed, reading=options.reading, drawing=options.drawing, people=options.people,
     )  # fmt: skip
     if options.only != "weights" and settings.people:
         _make_people(options.folder, settings)
@@ -39,9 +38,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="yesnt.training", description=__doc__)
     parser.add_argument("folder", type=Path, help="bodies, pictures, checkpoint and weights go here")
-    for part in ("usual", "reading", "again", "drawing"):
-        default = getattr(TrainingSettings, part)
-        parser.add_argument(f"--{part}", type=int, default=default, help=f"steps; by default {default}")
+    parser.add_argument(
+        "--reading", type=lambda steps: ((int(steps), int(steps)),), default=TrainingSettings.reading,
+        help="steps of reading, in one round instead of three",
+    )  # fmt: skip
+    parser.add_argument("--drawing", type=int, default=TrainingSettings.drawing, help="steps of learning to draw")
     parser.add_argument("--people", type=int, default=TrainingSettings.people, help="0: things only, without `anny`")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--threads", type=int, default=1)

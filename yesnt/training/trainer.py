@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ from yesnt.decompose.weights import PATCH, SMOOTH_SIGMAS, channels_last, save_we
 from yesnt.errors import JobError
 from yesnt.training.losses import energy_score, reading_loss, whole_loss
 from yesnt.training.pictures import PEOPLE, WARDROBES, everybody, habits_of, open_person, person_path
-from yesnt.training.synthetic.dataset import USUAL, Patches, Variety, crop, draw_patches
+from yesnt.training.synthetic.dataset import USUAL, Patches, Variety, crop, disguise, draw_patches
 from yesnt.training.synthetic.materials import CLASSES, Habits, importance
 
 _PATIENCE = 900.0
@@ -26,6 +26,9 @@ _PATIENCE = 900.0
 _FAR = Variety(Habits(bold=0.35, toned=0.3, painted=0.4), turned=0.5)
 """Pictures that punish going by colour."""
 
+_FARTHER = replace(_FAR, disguised=0.6)
+"""Colour tells nearly nothing any more."""
+
 
 @dataclass(frozen=True)
 class TrainingSettings:
@@ -34,10 +37,11 @@ class TrainingSettings:
     Attributes:
         seed: of data, noise and first weights.
         usual: steps before pictures go beyond the usual (`_FAR`): prints, borrowed and turned colours.
+        far: steps before clothes take their wearer's colour as well (`_FARTHER`).
         alike: steps before seldom classes count less (`materials.SELDOM`).
-        reading: steps of the first part, in which the reader alone learns what to expect.
-        again: steps of the second part, which does the same from half the rate.
-        drawing: steps of the third part, in which the denoiser learns to draw and the reader learns on slowly.
+        reading: rounds in which the reader alone learns what to expect, the first at the full rate, the others at half:
+            steps of each, and of its course, which may be broken off.
+        drawing: steps after those, in which the denoiser learns to draw and the reader learns on slowly.
         batch: patches per step.
         of_people: how many of them show people; the others show heaps of things.
         people: dressed people of the archive that are shown; 0: heaps alone.
@@ -50,10 +54,10 @@ class TrainingSettings:
 
     seed: int = 0
     usual: int = 1900
+    far: int = 4700
     alike: int = 4100
-    reading: int = 3600
-    again: int = 1500
-    drawing: int = 900
+    reading: tuple[tuple[int, int], ...] = ((3600, 3600), (1100, 1500), (1300, 1300))
+    drawing: int = 800
     batch: int = 8
     of_people: int = 5
     people: int = PEOPLE
@@ -64,9 +68,14 @@ class TrainingSettings:
     ema: float = 0.997
 
     @property
+    def all_reading(self) -> int:
+        """Steps of all rounds."""
+        return sum(steps for steps, _ in self.reading)
+
+    @property
     def steps(self) -> int:
         """Of all parts."""
-        return self.reading + self.again + self.drawing
+        return self.all_reading + self.drawing
 
 
 class Trainer:
@@ -155,7 +164,8 @@ class Trainer:
         return torch.ones_like(told) if self.step < self.settings.alike else told
 
     def _variety(self) -> Variety:
-        return USUAL if self.step < self.settings.usual else _FAR
+        s = self.settings
+        return USUAL if self.step < s.usual else _FAR if self.step < s.far else _FARTHER
 
     def _of_a_person(self, rng: np.random.Generator) -> Patches:
         """A crop of one of the people that a training at this step may count on."""
@@ -169,16 +179,19 @@ class Trainer:
         views = open_person(path)
         picture = views[int(rng.integers(len(views)))]
         shrink = np.exp(rng.uniform(0, 0.5)) if rng.random() < 0.4 else 1.0
-        return crop(rng, picture, s.patch, shrink, self._variety().turned)
+        variety = self._variety()
+        if variety.disguised > 0 and rng.random() < variety.disguised:
+            picture = disguise(rng, picture)
+        return crop(rng, picture, s.patch, shrink, variety.turned)
 
     def _rates(self) -> tuple[float, float]:
         """Learning rates of reader and denoiser."""
         s = self.settings
-        parts = ((s.reading, 1.0, 0.0), (s.again, 0.5, 0.0), (s.drawing, 0.2, 1.0))
+        rounds = [(*lengths, 0.5 if number else 1.0, 0.0) for number, lengths in enumerate(s.reading)]
         done = self.step
-        for length, reader, denoiser in parts:
+        for length, course, reader, denoiser in (*rounds, (s.drawing, s.drawing, 0.2, 1.0)):
             if done < length:
-                rate = s.rate * _course(done, length)
+                rate = s.rate * _course(done, course)
                 return reader * rate, denoiser * rate
             done -= length
         raise ValueError(f"the training ends after {s.steps} steps")
@@ -194,7 +207,7 @@ class Trainer:
         weights = matte * counts[kind.clamp_min(0)][:, None]
         loss = reading_loss(condition, self.classes(condition), clean, kind, weights, counts)
         loss = loss + 0.5 * whole_loss(self.whole(features), whole_truth, whole_kind, counts)
-        if self.step < self.settings.reading + self.settings.again:
+        if self.step < self.settings.all_reading:
             return loss
         # Two random draws give signs, not errors: a noisy gradient, which passed down would undo what was read.
         return loss + energy_score(*self._draws(condition.detach(), clean), clean, weights)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from yesnt.decompose.context import CONTEXT_SIDE, Square, small_picture
 from yesnt.training.synthetic.light import draw_light
-from yesnt.training.synthetic.materials import EVERYDAY, Habits
+from yesnt.training.synthetic.materials import CLASSES, DYED, EVERYDAY, Habits
 from yesnt.training.synthetic.render import Rendering, render
 from yesnt.training.synthetic.scene import draw_scene
 
@@ -87,10 +87,12 @@ class Variety:
     Attributes:
         habits: how stuff in heaps is coloured.
         turned: probability that an example's colours are turned: blue skin, a grey world.
+        disguised: probability that somebody's clothes take the colour of the wearer's skin, or of a metal.
     """
 
     habits: Habits = EVERYDAY
     turned: float = 0.0
+    disguised: float = 0.0
 
 
 USUAL = Variety()
@@ -142,6 +144,27 @@ def crop(rng: np.random.Generator, picture: Rendering, patch: int, shrink: float
     if turned > 0 and rng.random() < turned:
         example = example.mixed(_draw_mix(rng))
     return example
+
+
+def disguise(rng: np.random.Generator, picture: Rendering) -> Rendering:
+    """The picture with its cloth dyed in the wearer's colour: only shape, print and place tell a shirt from a chest.
+
+    Each cloth's radiance is multiplied until its mean is the skin's (or a pale grey's). That dyes its faint gloss too,
+    which is wrong by a few hundredths of what is seen.
+    """
+    names = list(CLASSES)
+    whole = picture.matte > 0.99
+    skin = (picture.kind == names.index("skin")) & whole
+    rgb = picture.rgb.astype(np.float32)
+    for name in DYED:
+        cloth = picture.kind == names.index(name)
+        if (cloth & whole).sum() < 100 or rng.random() > 0.8:
+            continue
+        of_skin = skin.sum() > 100 and rng.random() < 0.75
+        wanted = rgb[:, skin].mean(1) if of_skin else np.full(3, rng.uniform(0.35, 0.8))
+        ratio = wanted * np.exp(rng.normal(0, 0.12, 3)) / np.maximum(rgb[:, cloth & whole].mean(1), 1e-3)
+        rgb = np.where(cloth, rgb * np.clip(ratio, 0.15, 4)[:, None, None].astype(np.float32), rgb)
+    return replace(picture, rgb=rgb)
 
 
 def _draw_mix(rng: np.random.Generator) -> Float32:

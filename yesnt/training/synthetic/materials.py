@@ -92,7 +92,8 @@ _PRINTS = ("stripes", "checks", "dots", "blotches")
 _BOLD = ("checks", "checks", "chequers", "chequers", "stripes", "stripes", "dots")
 _PRINTABLE = ("woven", "knit", "satin", "denim", "leather")
 _GLAZED = ("ceramic", "plastic", "moulded plastic", "wood")
-_DYED = (*_PRINTABLE, "rubber", "plastic", "moulded plastic")
+DYED = (*_PRINTABLE, "rubber", "plastic", "moulded plastic")
+"""Classes that come in any colour."""
 _TONES = ("skin", "skin", "skin", "hair", "leather", "polished metal")
 """Classes whose colours other stuff wears too: a beige shirt, a grey glove."""
 
@@ -170,7 +171,7 @@ def paint(rng: np.random.Generator, name: str, habits: Habits = EVERYDAY) -> NDA
     kind = CLASSES[name]
     material = np.zeros((), MATERIAL)
     mean, std, low, high = kind.roughness
-    toned = habits.toned > 0 and name in _DYED and rng.random() < habits.toned
+    toned = habits.toned > 0 and name in DYED and rng.random() < habits.toned
     base = _colour(rng, CLASSES[str(rng.choice(_TONES))] if toned else kind)
     tile = str(rng.choice(kind.tiles))
     chance = habits.bold if name in _PRINTABLE else habits.painted if name in _GLAZED else 0

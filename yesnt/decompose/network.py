@@ -66,12 +66,24 @@ class PixelNorm(nn.LayerNorm):
         return super().forward(x.permute(0, 2, 3, 1)).permute(0, 3, 1, 2)
 
 
+class Norm(nn.BatchNorm2d):
+    """Norm of the reader: each channel over all pixels of a training batch, as a fixed scale afterwards.
+
+    A norm over the channels of a pixel let one common vector grow in the coarse levels until nothing else was left of
+    them (`tests/benchmarks/decompose_reader.py` silences each): the network then saw colours and no shapes. Here every
+    channel has to vary. A row's result depends on that row alone, since what is used is the running statistics.
+    """
+
+    def __init__(self, channels: int) -> None:
+        super().__init__(channels, momentum=0.05)
+
+
 class Block(nn.Module):
     """Residual block of two 3x3 convolutions; `time` scales and shifts the middle (0 channels: not conditioned)."""
 
     def __init__(self, channels: int, time_channels: int = 0) -> None:
         super().__init__()
-        self.norm = PixelNorm(channels)
+        self.norm = PixelNorm(channels) if time_channels else Norm(channels)
         self.first = nn.Conv2d(channels, channels, 3, padding=1)
         self.second = nn.Conv2d(channels, channels, 3, padding=1)
         self.film = nn.Linear(time_channels, 2 * channels) if time_channels else None
@@ -89,9 +101,9 @@ class Block(nn.Module):
 class Merge(nn.Module):
     """Brings coarse features up to a finer level and joins them with what that level saw itself."""
 
-    def __init__(self, fine: int, coarse: int) -> None:
+    def __init__(self, fine: int, coarse: int, norm: type[nn.Module] = Norm) -> None:
         super().__init__()
-        self.norm_fine, self.norm_coarse = PixelNorm(fine), PixelNorm(coarse)
+        self.norm_fine, self.norm_coarse = norm(fine), norm(coarse)
         self.fine = nn.Conv2d(fine, fine, 3, padding=1)
         self.coarse = nn.Conv2d(coarse, fine, 1)
 
@@ -109,7 +121,7 @@ class Overview(nn.Module):
 
     def __init__(self, channels: int) -> None:
         super().__init__()
-        self.norm = PixelNorm(channels)
+        self.norm = Norm(channels)
         last = nn.Linear(channels, channels)
         nn.init.zeros_(last.weight)
         self.mix = nn.Sequential(nn.Linear(channels, channels), nn.SiLU(), last)
@@ -128,11 +140,11 @@ class ContextReader(nn.Module):
         pairs = list(pairwise(widths))
         self.stem = nn.Conv2d(24, widths[0], 3, padding=1)
         self.levels = nn.ModuleList(Block(width) for width in (*widths, widths[-1]))
-        self.downs = nn.ModuleList(nn.Sequential(PixelNorm(a), nn.Conv2d(a, b, 2, stride=2)) for a, b in pairs)
+        self.downs = nn.ModuleList(nn.Sequential(Norm(a), nn.Conv2d(a, b, 2, stride=2)) for a, b in pairs)
         # The finest level is read on the way down only: a patch knows its own detail.
         self.merges = nn.ModuleList(Merge(a, b) for a, b in pairs[1:])
         self.rises = nn.ModuleList(Block(a) for a, _ in pairs[1:])
-        self.norm = PixelNorm(widths[1])
+        self.norm = Norm(widths[1])
 
     def forward(self, picture: torch.Tensor) -> torch.Tensor:
         """[B, 4, S, S] straight rgb and matte to [B, widths[1], S/4, S/4]."""
@@ -183,13 +195,13 @@ class Reader(nn.Module):
             nn.Sequential(*(Block(width) for _ in range(depth)))
             for width, depth in zip(widths, shape.depths, strict=True)
         )
-        self.downs = nn.ModuleList(nn.Sequential(PixelNorm(a), nn.Conv2d(a, b, 2, stride=2)) for a, b in pairs)
+        self.downs = nn.ModuleList(nn.Sequential(Norm(a), nn.Conv2d(a, b, 2, stride=2)) for a, b in pairs)
         self.context = ContextReader(shape.context)
         self.informed = nn.Conv2d(shape.context[1], widths[-2], 1)
         self.overview = Overview(widths[-1])
         self.merges = nn.ModuleList(Merge(a, b) for a, b in pairs)
         self.rises = nn.ModuleList(Block(a) for a, _ in pairs)
-        self.out = nn.Sequential(PixelNorm(widths[0]), nn.Conv2d(widths[0], shape.condition, 1))
+        self.out = nn.Sequential(Norm(widths[0]), nn.Conv2d(widths[0], shape.condition, 1))
 
     def forward(self, rgb: torch.Tensor, matte: torch.Tensor, context: ContextBatch) -> torch.Tensor:
         """Reads a patch.
@@ -239,7 +251,7 @@ class Denoiser(nn.Module):
         self.stem = nn.Conv2d(8 + shape.smooth_planes + shape.condition, a, 3, padding=1)
         self.down = nn.Conv2d(a, b, 2, stride=2)
         self.middle = nn.ModuleList([Block(b, time) for _ in range(2)])
-        self.merge, self.last = Merge(a, b), Block(a, time)
+        self.merge, self.last = Merge(a, b, PixelNorm), Block(a, time)
         self.out = nn.Sequential(PixelNorm(a), nn.SiLU(), nn.Conv2d(a, 8, 3, padding=1))
 
     def forward(

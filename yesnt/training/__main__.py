@@ -39,9 +39,8 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="yesnt.training", description=__doc__)
     parser.add_argument("folder", type=Path, help="bodies, pictures, checkpoint and weights go here")
     parser.add_argument(
-        "--reading", type=lambda steps: ((int(steps), int(steps)),), default=TrainingSettings.reading,
-        help="steps of reading, in one round instead of three",
-    )  # fmt: skip
+        "--reading", type=int, default=TrainingSettings.reading, help="steps of learning what to expect"
+    )
     parser.add_argument("--drawing", type=int, default=TrainingSettings.drawing, help="steps of learning to draw")
     parser.add_argument("--people", type=int, default=TrainingSettings.people, help="0: things only, without `anny`")
     parser.add_argument("--seed", type=int, default=0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,18 +16,15 @@ from yesnt.decompose.weights import PATCH, SMOOTH_SIGMAS, channels_last, save_we
 from yesnt.errors import JobError
 from yesnt.training.losses import energy_score, reading_loss, whole_loss
 from yesnt.training.pictures import PEOPLE, WARDROBES, everybody, habits_of, open_person, person_path
-from yesnt.training.synthetic.dataset import USUAL, Patches, Variety, crop, disguise, draw_patches
+from yesnt.training.synthetic.dataset import Patches, Variety, crop, disguise, draw_patches
 from yesnt.training.synthetic.materials import CLASSES, Habits, importance
 
 _PATIENCE = 900.0
 """Seconds that a step waits for a picture which another process is to make."""
 
 
-_FAR = Variety(Habits(bold=0.35, toned=0.3, painted=0.4), turned=0.5)
+_VARIETY = Variety(Habits(bold=0.35, toned=0.3, painted=0.4), turned=0.4, disguised=0.4)
 """Pictures that punish going by colour."""
-
-_FARTHER = replace(_FAR, disguised=0.6)
-"""Colour tells nearly nothing any more."""
 
 
 @dataclass(frozen=True)
@@ -36,12 +33,8 @@ class TrainingSettings:
 
     Attributes:
         seed: of data, noise and first weights.
-        usual: steps before pictures go beyond the usual (`_FAR`): prints, borrowed and turned colours.
-        far: steps before clothes take their wearer's colour as well (`_FARTHER`).
-        alike: steps before seldom classes count less (`materials.SELDOM`).
-        reading: rounds in which the reader alone learns what to expect, the first at the full rate, the others at half:
-            steps of each, and of its course, which may be broken off.
-        drawing: steps after those, in which the denoiser learns to draw and the reader learns on slowly.
+        reading: steps of the first part, in which the reader alone learns what to expect.
+        drawing: steps of the second part, in which the denoiser learns to draw and the reader learns on slowly.
         batch: patches per step.
         of_people: how many of them show people; the others show heaps of things.
         people: dressed people of the archive that are shown; 0: heaps alone.
@@ -53,11 +46,8 @@ class TrainingSettings:
     """
 
     seed: int = 0
-    usual: int = 1900
-    far: int = 4700
-    alike: int = 4100
-    reading: tuple[tuple[int, int], ...] = ((3600, 3600), (1100, 1500), (1300, 1300))
-    drawing: int = 800
+    reading: int = 1700
+    drawing: int = 500
     batch: int = 8
     of_people: int = 5
     people: int = PEOPLE
@@ -68,14 +58,9 @@ class TrainingSettings:
     ema: float = 0.997
 
     @property
-    def all_reading(self) -> int:
-        """Steps of all rounds."""
-        return sum(steps for steps, _ in self.reading)
-
-    @property
     def steps(self) -> int:
-        """Of all parts."""
-        return self.all_reading + self.drawing
+        """Of both parts."""
+        return self.reading + self.drawing
 
 
 class Trainer:
@@ -96,13 +81,11 @@ class Trainer:
         self._people = everybody()[: settings.people]
         self.averaged = Network(shape).requires_grad_(False)
         self.averaged.load_state_dict(self.network.state_dict())
-        # Decay bounds the weights that a norm makes scale-free; ten times this rate once blew up the coarse levels, and
-        # the network went on with colour alone.
         groups = [
             {"params": [*self.network.reader.parameters(), *self.classes.parameters(), *self.whole.parameters()]},
             {"params": list(self.network.denoiser.parameters())},
         ]
-        self.optimiser = torch.optim.AdamW(groups, lr=settings.rate, weight_decay=0.05, betas=(0.9, 0.98))
+        self.optimiser = torch.optim.AdamW(groups, lr=settings.rate, weight_decay=0.02, betas=(0.9, 0.98))
         self.step = 0
         self._noise = _noise_pool(settings.seed, settings.patch)
 
@@ -118,8 +101,10 @@ class Trainer:
         self.optimiser.step()
         self.step += 1
         decay = min(self.settings.ema, (1 + self.step) / (10 + self.step))
-        for kept, new in zip(self.averaged.parameters(), self.network.parameters(), strict=True):
-            kept.lerp_(new.detach(), 1 - decay)
+        state = self.network.state_dict()
+        for name, kept in self.averaged.state_dict().items():
+            if kept.is_floating_point():  # all but the norms' counters
+                kept.lerp_(state[name], 1 - decay)
         return float(loss.detach())
 
     def save(self, path: Path) -> None:
@@ -151,50 +136,34 @@ class Trainer:
         shown = s.of_people if s.people else 0
         rng = np.random.Generator(np.random.Philox(key=[s.seed, 1_000_000_000 + self.step]))
         crops = [self._of_a_person(rng) for _ in range(shown)]
-        variety = self._variety()
         heaps = [
-            draw_patches(s.seed, 1_000_000 + self.step * s.batch + i, 1, s.patch, variety)
+            draw_patches(s.seed, 1_000_000 + self.step * s.batch + i, 1, s.patch, _VARIETY)
             for i in range(s.batch - shown)
         ]
         return Patches.join([*([Patches.stack(crops)] if crops else []), *heaps])
 
-    def _importance(self) -> torch.Tensor:
-        """[classes] how much a pixel counts: alike until the classes are told apart, then as often as they are worn."""
-        told = torch.from_numpy(importance())
-        return torch.ones_like(told) if self.step < self.settings.alike else told
-
-    def _variety(self) -> Variety:
-        s = self.settings
-        return USUAL if self.step < s.usual else _FAR if self.step < s.far else _FARTHER
-
     def _of_a_person(self, rng: np.random.Generator) -> Patches:
         """A crop of one of the people that a training at this step may count on."""
         s = self.settings
-        people = self._people[: s.first + self.step // s.every]
-        if self.step >= s.usual:
-            habits = WARDROBES[int(rng.integers(len(WARDROBES)))][1]
-            people = [number for number in people if habits_of(number) == habits]
+        habits = WARDROBES[int(rng.integers(len(WARDROBES)))][1]  # each as often as any other
+        there = self._people[: s.first + self.step // s.every]
+        people = [number for number in there if habits_of(number) == habits]
         path = person_path(self.folder, s.seed, people[int(rng.integers(len(people)))])
         _await(path)
         views = open_person(path)
         picture = views[int(rng.integers(len(views)))]
         shrink = np.exp(rng.uniform(0, 0.5)) if rng.random() < 0.4 else 1.0
-        variety = self._variety()
-        if variety.disguised > 0 and rng.random() < variety.disguised:
+        if rng.random() < _VARIETY.disguised:
             picture = disguise(rng, picture)
-        return crop(rng, picture, s.patch, shrink, variety.turned)
+        return crop(rng, picture, s.patch, shrink, _VARIETY.turned)
 
     def _rates(self) -> tuple[float, float]:
         """Learning rates of reader and denoiser."""
         s = self.settings
-        rounds = [(*lengths, 0.5 if number else 1.0, 0.0) for number, lengths in enumerate(s.reading)]
-        done = self.step
-        for length, course, reader, denoiser in (*rounds, (s.drawing, s.drawing, 0.2, 1.0)):
-            if done < length:
-                rate = s.rate * _course(done, course)
-                return reader * rate, denoiser * rate
-            done -= length
-        raise ValueError(f"the training ends after {s.steps} steps")
+        if self.step < s.reading:
+            return s.rate * _course(self.step, s.reading), 0.0
+        rate = s.rate * _course(self.step - s.reading, s.drawing)
+        return rate / 5, rate
 
     def _loss(self, patches: Patches) -> torch.Tensor:
         rgb, matte, truth, kind, whole, place, whole_truth, whole_kind = (
@@ -203,11 +172,11 @@ class Trainer:
         clean = 2 * truth - 1
         features = self.network.reader.context(whole)
         condition = self.network.reader.read(rgb, matte, features, place)
-        counts = self._importance()
+        counts = torch.from_numpy(importance())
         weights = matte * counts[kind.clamp_min(0)][:, None]
         loss = reading_loss(condition, self.classes(condition), clean, kind, weights, counts)
         loss = loss + 0.5 * whole_loss(self.whole(features), whole_truth, whole_kind, counts)
-        if self.step < self.settings.all_reading:
+        if self.step < self.settings.reading:
             return loss
         # Two random draws give signs, not errors: a noisy gradient, which passed down would undo what was read.
         return loss + energy_score(*self._draws(condition.detach(), clean), clean, weights)

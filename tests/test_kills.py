@@ -40,7 +40,7 @@ def start(path: Path, *options: str, fault: str = "") -> subprocess.Popen[str]:
     )
 
 
-def finish(process: subprocess.Popen[str], seconds: float = 240) -> tuple[int, str]:
+def finish(process: subprocess.Popen[str], seconds: float = 120) -> tuple[int, str]:
     try:
         out, _ = process.communicate(timeout=seconds)
     except subprocess.TimeoutExpired:
@@ -93,7 +93,7 @@ def run_under_kills(path: Path, kills: int, seed: int, reference: dict[str, str]
     assert not list(path.parent.rglob("*.partial")), "litter is swept"
 
 
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(280)
 def test_a_job_under_kills_ends_with_the_same_bytes(tmp_path: Path, reference: dict[str, str]) -> None:
     run_under_kills(write_tiny_shot(tmp_path / "shot", FRAMES), 6, 1, reference)
 
@@ -125,7 +125,7 @@ def farm(tmp_path: Path) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
         process.wait()
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(240)
 def test_a_lost_scheduler_ends_in_exit_75_and_a_later_run_goes_on(
     tmp_path: Path, reference: dict[str, str], farm: tuple[str, subprocess.Popen[bytes]]
 ) -> None:

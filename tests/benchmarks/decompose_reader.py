@@ -57,7 +57,7 @@ def main():
     network.load_state_dict(state["network"])
     classes.load_state_dict(state["classes"])
     patches = Patches.join([draw_patches(SEED, i, 2, PATCH) for i in range(options.pictures)])
-    reader = network.reader
+    reader = network.eval().reader
     loss, accuracy, error, constant = figures(reader, classes, patches)
     print(f"step {state['step']}: loss {loss:.3f}, class accuracy {accuracy:.3f}")
     print(f"roughness: RMSE of the regression {error:.4f}, of the best constant {constant:.4f}")

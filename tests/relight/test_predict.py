@@ -26,7 +26,8 @@ def test_the_prediction_bounds_the_error_of_shadows(seed):
         for k in ({"error": 0.0, "clusters": 1024}, {"error": 0.02})
     )
     found = np.sqrt(np.square(few.radiance**0.45 - many.radiance**0.45).mean())
-    assert found < 3 * prepare_light(env, 2048, 512, 256, 32, error=0.02).shadow_error
+    predicted = prepare_light(env, 2048, 512, 256, 32, error=0.02).shadow_error
+    assert predicted / 3 < found < 3 * predicted
 
 
 def test_bounces_are_kept_where_they_are_worth_it():

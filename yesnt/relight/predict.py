@@ -22,7 +22,7 @@ Float = NDArray[np.float64]
 LEAST_CLUSTERS = 16
 
 SHARE = 0.04
-"""Display error over d / r: 0.028 to 0.046 from 16 to 512 clusters under three maps, against 1,024."""
+"""Display error over d / r; the measurements are in docs/relight.md."""
 
 _SUN = 0.02  # of the light in one cell: it has a cluster of its own
 _BRIGHTNESS = 0.25  # display step of a relative step of light, at mid grey

@@ -17,7 +17,7 @@ from yesnt import settings as of
 from yesnt.blocks import Block, Span, chunk_blocks
 from yesnt.chunks import ROUND, ChunkPlan
 from yesnt.decompose.identity import BackendIdentity
-from yesnt.decompose.settings import REUSE_ONLY, keyframe_after
+from yesnt.decompose.settings import REUSE_ONLY, keyframes_taken
 from yesnt.decompose.window import Window, plan_windows
 from yesnt.exchange import Exchange
 from yesnt.graph import Node
@@ -147,19 +147,11 @@ class ShotPlan:
 
     @cached_property
     def keyframes(self) -> Mapping[int, int]:
-        """Frame -> the keyframe whose estimate it takes; keyframes themselves are not in it.
-
-        A frame that cannot reach its keyframe, because flow on the way or the keyframe itself is dead, is one.
-        """
+        """Frame -> the keyframe whose estimate it takes (decompose/settings.py)."""
         if self.backend is None or self.windows:
             return {}
-        frames, step, found = self.job.frames, of.ensemble_settings(self.job.shot).keyframe_step, {}
-        for position, frame in enumerate(frames):
-            key = keyframe_after(position, len(frames), step)
-            reached = frames[key] not in self.absent and not self.unlinked.intersection(frames[position:key])
-            if key != position and frame not in self.absent and reached:
-                found[frame] = frames[key]
-        return found
+        step = of.ensemble_settings(self.job.shot).keyframe_step
+        return keyframes_taken(self.job.frames, step, self.absent, self.unlinked)
 
     def window(self, window: Window) -> Node:
         """Members of a window of frames, their mean and spread a frame."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence, Set
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -71,3 +72,23 @@ REUSE_ONLY = ("keyframe_step", "reuse_validity", "reuse_confidence", "reuse_shar
 def keyframe_after(position: int, length: int, step: int) -> int:
     """Position of the keyframe that a frame takes from: itself, the next multiple of `step`, or the last frame."""
     return min(-(-position // step) * step, length - 1)
+
+
+def keyframes_taken(frames: Sequence[int], step: int, dead: Set[int], unlinked: Set[int]) -> dict[int, int]:
+    """Frame -> the keyframe whose estimate it takes; keyframes themselves are not in it.
+
+    A frame that cannot reach its keyframe is one.
+
+    Args:
+        frames: numbers of the shot, in order.
+        step: of keyframes, in positions.
+        dead: frames that cannot be decomposed.
+        unlinked: frames without flow to the next.
+    """
+    found = {}
+    for position, frame in enumerate(frames):
+        key = keyframe_after(position, len(frames), step)
+        reached = frames[key] not in dead and unlinked.isdisjoint(frames[position:key])
+        if key != position and frame not in dead and reached:
+            found[frame] = frames[key]
+    return found

@@ -28,7 +28,7 @@ class NetworkShape:
         context: channels of the U-Net that reads the whole subject, at 1/2, 1/4, ... of the small picture.
     """
 
-    widths: tuple[int, ...] = (32, 64, 128, 224)
+    widths: tuple[int, ...] = (32, 64, 128, 208)
     depths: tuple[int, ...] = (1, 1, 2, 3)
     condition: int = 34
     denoiser: tuple[int, int] = (32, 64)

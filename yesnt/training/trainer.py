@@ -46,15 +46,15 @@ class TrainingSettings:
     """
 
     seed: int = 0
-    reading: int = 1700
-    drawing: int = 500
+    reading: int = 5000
+    drawing: int = 700
     batch: int = 8
     of_people: int = 5
     people: int = PEOPLE
     first: int = 120
     every: int = 3
     patch: int = PATCH
-    rate: float = 1.2e-3
+    rate: float = 1.0e-3
     ema: float = 0.997
 
     @property

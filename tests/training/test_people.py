@@ -13,7 +13,7 @@ from yesnt.training.pictures import (
     everybody,
     habits_of,
     make_person,
-    open_person,
+    open_views,
     person_path,
 )
 from yesnt.training.synthetic.materials import CLASSES
@@ -97,10 +97,10 @@ def test_an_archive_is_made_once_and_is_a_function_of_seed_and_number(tmp_path, 
     assert make_person(first, 0, 5, [tmp_path])
     assert not make_person(first, 0, 5, [tmp_path])
     assert make_person(second, 0, 5, [tmp_path])
-    for a, b in zip(open_person(person_path(first, 0, 5)), open_person(person_path(second, 0, 5)), strict=True):
+    for a, b in zip(open_views(person_path(first, 0, 5)), open_views(person_path(second, 0, 5)), strict=True):
         for name in ("rgb", "matte", "truth", "kind"):
             np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
-    assert len(open_person(person_path(first, 0, 5))) == VIEWS
+    assert len(open_views(person_path(first, 0, 5))) == VIEWS
 
 
 def test_any_beginning_of_the_archive_has_its_share_of_every_wardrobe():

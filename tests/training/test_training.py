@@ -13,8 +13,8 @@ from yesnt.training.losses import energy_score, reading_loss
 from yesnt.training.trainer import Trainer, TrainingSettings, train
 
 TINY = NetworkShape(widths=(8, 8, 16), depths=(1, 1, 1), condition=8, denoiser=(8, 8))
-SHORT = "--reading 1 --drawing 1 --people 0".split()
-SETTINGS = TrainingSettings(reading=2, drawing=2, batch=2, people=0, patch=32)
+SHORT = "--reading 1 --drawing 1 --people 0 --things 0".split()
+SETTINGS = TrainingSettings(reading=2, drawing=2, batch=2, people=0, things=0, patch=32)
 
 
 def whole(rows, order=None):
@@ -96,7 +96,7 @@ def test_training_resumed_is_training_uninterrupted(tmp_path):
 
 @pytest.mark.parametrize("reading", [0, 60])
 def test_training_lowers_the_loss_in_both_parts(tmp_path, reading):
-    settings = TrainingSettings(reading=reading, drawing=120, batch=2, people=0, patch=32, rate=5e-3)
+    settings = TrainingSettings(reading=reading, drawing=120, batch=2, people=0, things=0, patch=32, rate=5e-3)
     trainer = Trainer(settings, TINY, tmp_path)
     losses = [trainer.advance() for _ in range(30)]
     assert np.mean(losses[-8:]) < 0.85 * np.mean(losses[:4])

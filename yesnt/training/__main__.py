@@ -1,4 +1,4 @@
-"""`python -m yesnt.training FOLDER`: bodies, people, then weights; resumes what was begun."""
+"""`python -m yesnt.training FOLDER`: bodies, people, things, then weights; resumes what was begun."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import torch
 from yesnt.decompose.network import NetworkShape
 from yesnt.stage.tools import anny_only
 from yesnt.training.bodies import make_bodies
-from yesnt.training.pictures import everybody, make_person
+from yesnt.training.pictures import everybody, make_person, make_thing
 from yesnt.training.trainer import Trainer, TrainingSettings, train
 
 log = logging.getLogger("yesnt.train")
@@ -27,9 +27,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     options.folder.mkdir(parents=True, exist_ok=True)
     settings = TrainingSettings(
         seed=options.seed, reading=options.reading, drawing=options.drawing, people=options.people,
+        things=options.things,
     )  # fmt: skip
     if options.only != "weights" and settings.people:
         _make_people(options.folder, settings)
+    if options.only != "weights":
+        _make_things(options.folder, settings)
     if options.only != "pictures":
         _train(options.folder, settings)
     return 0
@@ -42,7 +45,8 @@ def _parser() -> argparse.ArgumentParser:
         "--reading", type=int, default=TrainingSettings.reading, help="steps of learning what to expect"
     )
     parser.add_argument("--drawing", type=int, default=TrainingSettings.drawing, help="steps of learning to draw")
-    parser.add_argument("--people", type=int, default=TrainingSettings.people, help="0: things only, without `anny`")
+    parser.add_argument("--people", type=int, default=TrainingSettings.people, help="0: none, without `anny`")
+    parser.add_argument("--things", type=int, default=TrainingSettings.things, help="single things; 0: none")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--only", choices=("pictures", "weights"), help="one part; they may run side by side")
@@ -57,6 +61,11 @@ def _make_people(folder: Path, settings: TrainingSettings) -> None:
         made += make_person(folder, settings.seed, number, bodies)
         if made and count % 20 == 0:
             log.info("person %d of %d, %.1f s each", count, len(numbers), (time.monotonic() - start) / made)
+
+
+def _make_things(folder: Path, settings: TrainingSettings) -> None:
+    made = sum(make_thing(folder, settings.seed, number) for number in range(settings.things))
+    log.info("%d things, %d of them new", settings.things, made)
 
 
 def _train(folder: Path, settings: TrainingSettings) -> None:

@@ -1,4 +1,4 @@
-"""The archive of people's pictures: made once, resumable, picture by picture a function of (seed, number)."""
+"""The archives of people's and things' pictures: made once, resumable, each a function of (seed, number)."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from yesnt.io.durable import durable_path
 from yesnt.training.people import draw_person, open_body, photograph
 from yesnt.training.synthetic.materials import EVERYDAY, Habits
 from yesnt.training.synthetic.render import Rendering
+from yesnt.training.things import draw_thing, photograph_thing
 
 WARDROBES = ((400, EVERYDAY), (150, Habits(bold=0.6)), (250, Habits(bold=0.3, toned=0.5)))
 """How many people have which habits, in the order of their numbers; everyday hardly shows a print or a beige shirt."""
@@ -21,6 +22,12 @@ PEOPLE = sum(count for count, _ in WARDROBES)
 
 VIEWS = 3
 """Poses, cameras and lights that each dressed person is seen in."""
+
+THINGS = 600
+"""Single things in the archive."""
+
+THING_VIEWS = 2
+"""Cameras and lights that each thing is seen in."""
 
 
 def habits_of(number: int) -> Habits:
@@ -54,18 +61,38 @@ def make_person(folder: Path, seed: int, number: int, bodies: Sequence[Path]) ->
     rng = np.random.Generator(np.random.Philox(key=[seed, number]))
     body = open_body(bodies[number % len(bodies)])
     person = draw_person(rng, body, habits_of(number))
-    views = [photograph(rng, person) for _ in range(VIEWS)]
+    _keep(path, [photograph(rng, person) for _ in range(VIEWS)])
+    return True
+
+
+def thing_path(folder: Path, seed: int, number: int) -> Path:
+    """Where the number-th thing's pictures are kept."""
+    return folder / f"things.{seed}" / f"{number:05d}.npz"
+
+
+def make_thing(folder: Path, seed: int, number: int) -> bool:
+    """Makes one thing's pictures; False if they were there."""
+    path = thing_path(folder, seed, number)
+    if path.exists():
+        return False
+    rng = np.random.Generator(np.random.Philox(key=[seed, 1_000_000 + number]))
+    thing = draw_thing(rng)
+    _keep(path, [photograph_thing(rng, thing) for _ in range(THING_VIEWS)])
+    return True
+
+
+def _keep(path: Path, views: Sequence[Rendering]) -> None:
+    """Writes pictures in half precision, whole or not at all."""
     planes = {name: np.stack([getattr(view, name) for view in views]) for name in ("rgb", "matte", "truth", "kind")}
     path.parent.mkdir(parents=True, exist_ok=True)
     half = {name: plane.astype(np.int8 if name == "kind" else np.float16) for name, plane in planes.items()}
     with durable_path(path) as temporary, temporary.open("wb") as stream:
         np.savez(stream, **half)  # type: ignore[arg-type]
-    return True
 
 
 @lru_cache(maxsize=2048)
-def open_person(path: Path) -> tuple[Rendering, ...]:
-    """The views of a person, as they were rendered but for half precision."""
+def open_views(path: Path) -> tuple[Rendering, ...]:
+    """The views of a person or thing, as they were rendered but for half precision."""
     with np.load(path) as data:
         rgb, matte, truth, kind = (data[name] for name in ("rgb", "matte", "truth", "kind"))
     return tuple(Rendering(*planes) for planes in zip(rgb, matte, truth, kind, strict=True))

@@ -15,7 +15,16 @@ from yesnt.decompose.noise_planes import member_noise
 from yesnt.decompose.weights import PATCH, SMOOTH_SIGMAS, channels_last, save_weights
 from yesnt.errors import JobError
 from yesnt.training.losses import energy_score, reading_loss, whole_loss
-from yesnt.training.pictures import PEOPLE, WARDROBES, everybody, habits_of, open_person, person_path
+from yesnt.training.pictures import (
+    PEOPLE,
+    THINGS,
+    WARDROBES,
+    everybody,
+    habits_of,
+    open_views,
+    person_path,
+    thing_path,
+)
 from yesnt.training.synthetic.dataset import Patches, Variety, crop, disguise, draw_patches
 from yesnt.training.synthetic.materials import CLASSES, Habits, importance
 
@@ -37,7 +46,10 @@ class TrainingSettings:
         drawing: steps of the second part, in which the denoiser learns to draw and the reader learns on slowly.
         batch: patches per step.
         of_people: how many of them show people; the others show heaps of things.
-        people: dressed people of the archive that are shown; 0: heaps alone.
+        of_things: how many show a single thing from step `things_after` on, half of them in a person's place.
+        people: dressed people of the archive that are shown; 0: none.
+        things: things of the archive that are shown; 0: none.
+        things_after: steps in which people and heaps are enough to learn from.
         first: people that must be there before the first step.
         every: steps after which one more is asked for, so that pictures can be made while the training runs.
         patch: side of a patch.
@@ -50,7 +62,10 @@ class TrainingSettings:
     drawing: int = 700
     batch: int = 8
     of_people: int = 5
+    of_things: int = 2
     people: int = PEOPLE
+    things: int = THINGS
+    things_after: int = 1500
     first: int = 120
     every: int = 3
     patch: int = PATCH
@@ -133,12 +148,13 @@ class Trainer:
 
     def _patches(self) -> Patches:
         s = self.settings
-        shown = s.of_people if s.people else 0
+        things = s.of_things if s.things and self.step >= s.things_after else 0
+        people = s.of_people - things // 2 if s.people else 0
         rng = np.random.Generator(np.random.Philox(key=[s.seed, 1_000_000_000 + self.step]))
-        crops = [self._of_a_person(rng) for _ in range(shown)]
+        crops = [self._of_a_person(rng) for _ in range(people)] + [self._of_a_thing(rng) for _ in range(things)]
         heaps = [
             draw_patches(s.seed, 1_000_000 + self.step * s.batch + i, 1, s.patch, _VARIETY)
-            for i in range(s.batch - shown)
+            for i in range(s.batch - len(crops))
         ]
         return Patches.join([*([Patches.stack(crops)] if crops else []), *heaps])
 
@@ -150,12 +166,21 @@ class Trainer:
         people = [number for number in there if habits_of(number) == habits]
         path = person_path(self.folder, s.seed, people[int(rng.integers(len(people)))])
         _await(path)
-        views = open_person(path)
+        views = open_views(path)
         picture = views[int(rng.integers(len(views)))]
-        shrink = np.exp(rng.uniform(0, 0.5)) if rng.random() < 0.4 else 1.0
+        shrink = _draw_shrink(rng)
         if rng.random() < _VARIETY.disguised:
             picture = disguise(rng, picture)
         return crop(rng, picture, s.patch, shrink, _VARIETY.turned)
+
+    def _of_a_thing(self, rng: np.random.Generator) -> Patches:
+        """A crop of one of the single things."""
+        s = self.settings
+        path = thing_path(self.folder, s.seed, int(rng.integers(s.things)))
+        _await(path)
+        views = open_views(path)
+        picture = views[int(rng.integers(len(views)))]
+        return crop(rng, picture, s.patch, _draw_shrink(rng), _VARIETY.turned)
 
     def _rates(self) -> tuple[float, float]:
         """Learning rates of reader and denoiser."""
@@ -214,6 +239,11 @@ def _course(done: int, length: int) -> float:
     return min(1.0, (done + 1) / 100) * (0.02 + 0.98 * 0.5 * (1 + float(np.cos(np.pi * done / length))))
 
 
+def _draw_shrink(rng: np.random.Generator) -> float:
+    """How many times its size of a picture a patch shows."""
+    return float(np.exp(rng.uniform(0, 0.5))) if rng.random() < 0.4 else 1.0
+
+
 def _await(path: Path) -> None:
     """Waits for a picture that is being made beside the training."""
     waited = 0.0
@@ -223,7 +253,7 @@ def _await(path: Path) -> None:
                 "A picture of the archive is missing",
                 str(path),
                 "the people that the settings count on",
-                "run `python -m yesnt.training FOLDER --only pictures`, or ask for fewer with --people",
+                "run `python -m yesnt.training FOLDER --only pictures`, or ask for fewer with --people and --things",
             )
         time.sleep(1.0)
         waited += 1.0

@@ -1,0 +1,106 @@
+"""Pictures of single things for training: a random solid in zones of material, lit by the project's own relighting."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yesnt.camera import Camera
+from yesnt.stage.cameras import look_at
+from yesnt.stage.paint import vertex_normals
+from yesnt.training.photo import Subject, View, shoot
+from yesnt.training.solids import SOLIDS, Builder, Solid, device, drapery, tube, vessel
+from yesnt.training.synthetic.materials import MATERIAL, Habits, draw_class, paint
+from yesnt.training.synthetic.render import Rendering
+
+Float64 = NDArray[np.float64]
+
+SIDE = 256
+"""Pixels of a square picture."""
+
+_HABITS = Habits(bold=0.4, toned=0.3, painted=0.4)
+_METALS = ("brushed metal", "polished metal", "polished metal", "worn metal")
+_CLOTH = ("woven",) * 4 + ("knit",) * 2 + ("denim", "satin", "satin", "leather")
+_LIKELY: dict[Builder, tuple[str, ...]] = {
+    vessel: ("ceramic",) * 8 + _METALS + ("wood", "plastic", "moulded plastic", "stone"),
+    tube: _METALS * 2 + ("rubber", "plastic", "wood", "leather", "ceramic", "moulded plastic"),
+    device: ("plastic",) * 3 + ("moulded plastic",) * 4 + ("rubber",) * 2 + _METALS,
+    drapery: _CLOTH,
+}
+"""What a solid is likely made of: the shape of a thing tells its stuff, as in the world."""
+
+_TRIM: dict[Builder, tuple[str, ...]] = {drapery: (*_CLOTH, "brushed metal", "polished metal")}
+"""What its further zones are made of, where not of the same."""
+
+
+@dataclass(frozen=True)
+class Thing:
+    """A painted solid.
+
+    Attributes:
+        solid: its surface.
+        edges: ascending bounds of zones on `solid.along`; zone n lies below edge n.
+        zones: [zones] number of each zone's material.
+        materials: [n] record array of `MATERIAL`.
+    """
+
+    solid: Solid
+    edges: Float64
+    zones: NDArray[np.int32]
+    materials: NDArray[np.void]
+
+
+def draw_thing(rng: np.random.Generator) -> Thing:
+    """Draws a solid, its zones and their materials."""
+    build = SOLIDS[int(rng.integers(len(SOLIDS)))]
+    solid = build(rng)
+    likely = _LIKELY[build]
+    main = str(rng.choice(likely)) if rng.random() < 0.9 else draw_class(rng)
+    further = _TRIM.get(build, likely)
+    names = [main, *(str(rng.choice([main, *further])) for _ in range(int(rng.integers(0, 4))))]
+    materials = np.array([paint(rng, name, _HABITS) for name in names], dtype=MATERIAL)
+    parts = int(solid.along.max()) + 1
+    inner = [n + np.sort(rng.random(int(rng.integers(0, 5 if parts == 1 else 2)))) for n in range(parts)]
+    edges = np.sort(np.concatenate([np.arange(1, parts + 1), *inner]))
+    # Every other zone is of the main material, so that it is the one that is seen most.
+    zones = np.where(rng.random(len(edges)) < 0.5, 0, rng.integers(0, len(names), len(edges))).astype(np.int32)
+    return Thing(solid, edges, zones, materials)
+
+
+def photograph_thing(rng: np.random.Generator, thing: Thing) -> Rendering:
+    """Aims a camera, lights and shades; the thing fills a third to all of the picture."""
+    metres = 0.3
+    turn = look_at(np.zeros(3), rng.standard_normal(3) + 1e-3)[:3, :3] if rng.random() < 0.5 else np.eye(3)
+    vertices = thing.solid.vertices @ turn.T * metres
+    middle = (vertices.min(0) + vertices.max(0)) / 2
+    radius = float(np.linalg.norm(vertices - middle, axis=1).max())
+    camera = _draw_camera(rng, middle, radius)
+    pixels = SIDE / 2 / radius  # roughly, of a metre
+    faces = thing.solid.faces
+    subject = Subject(
+        vertices, faces, vertex_normals(vertices, faces), thing.solid.uv * metres * pixels * rng.uniform(0.7, 1.4),
+        partial(_zone, thing), thing.materials,
+    )  # fmt: skip
+    return shoot(rng, subject, camera)
+
+
+def _draw_camera(rng: np.random.Generator, middle: Float64, radius: float) -> Camera:
+    """From a little above, whole or cut, 35 to 85 mm."""
+    focal = SIDE * rng.uniform(1.0, 2.6)
+    share = rng.uniform(0.35, 1.25)  # of the picture's half
+    away = radius * focal / (share * SIDE / 2)
+    angle, slope = rng.uniform(-np.pi, np.pi), np.radians(np.clip(rng.normal(15, 15), -30, 60))
+    target = middle + rng.normal(0, 0.12, 3) * radius
+    offset = np.array([np.cos(slope) * np.sin(angle), -np.cos(slope) * np.cos(angle), np.sin(slope)])
+    pose = look_at(target + max(away, 1.3 * radius) * offset, target)
+    return Camera(SIDE, SIDE, focal, focal, SIDE / 2, SIDE / 2, {0: pose})
+
+
+def _zone(thing: Thing, view: View) -> NDArray[np.int32]:
+    """[H, W] number of the material at each pixel, -1 where nothing is."""
+    along = view.interpolate(thing.solid.along)
+    zone = np.minimum(np.searchsorted(thing.edges, along, side="right"), len(thing.edges) - 1)
+    return np.where(view.seen, thing.zones[zone], -1).astype(np.int32)

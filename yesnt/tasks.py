@@ -144,8 +144,9 @@ def composite(space: Workspace) -> None:
             "normal": _unit(surface.normal).transpose(2, 0, 1),
             "z": surface.z[None],
         }
+        delivered = _exr_planes(planes)
     path = space.output.exr_path(job.shot.name, frame)
-    write_exr(path, _exr_planes(planes), _exr_attributes(space), job.shot.exr.compression)
+    write_exr(path, delivered, _exr_attributes(space), job.shot.exr.compression)
     space.commit(frame, {}, {str(path.relative_to(space.output.root)): file_digest(path)})
 
 

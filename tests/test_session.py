@@ -239,3 +239,17 @@ def test_chunks_with_exchange_give_what_one_chunk_gives(tmp_path: Path, cluster:
         return np.stack([FrameStore(session.output.store).read("material", i) for i in range(8)])
 
     np.testing.assert_allclose(material(4), material(16), atol=1e-4)
+
+
+def test_a_cluster_that_is_too_busy_to_close_takes_nothing_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    from distributed import LocalCluster
+
+    close = LocalCluster.close
+
+    def late(self: LocalCluster, timeout: float | None = None) -> None:
+        close(self, timeout)
+        raise TimeoutError(f"timed out after {timeout} s.")
+
+    monkeypatch.setattr(LocalCluster, "close", late)
+    with open_cluster(ClusterSpec("local", 1)) as client:
+        assert client.submit(sum, (1, 2)).result(timeout=30) == 3

@@ -15,7 +15,7 @@ from relight_speed import env, pixels
 from yesnt.color import srgb_encode
 from yesnt.relight import EnvMap, prepare_light
 from yesnt.relight.combine import normalise
-from yesnt.relight.kernels import LEAST_COSINE, METAL_F0, METAL_F90, sum_lobes
+from yesnt.relight.kernels import LEAST_COSINE, METAL_F0, METAL_F90, TAIL, sum_lobes
 
 COUNT = 300
 EVERY_CELL = 1e-9
@@ -31,13 +31,15 @@ def seen(px, light, detail):
 def texels_read(px, light, detail):
     """Mean over pixels of the texels that kernels._choose asks for."""
     alpha, cos_o = px.lobes(slice(0, COUNT), "default").alpha, px.cos_o[:, None]
-    mirror = 2 * cos_o * px.normal - px.view
-    away = np.sqrt(np.maximum(2 - 2 * mirror @ light.cone[:3], 0)) - light.cone[3]
-    bearable = detail * (2 * alpha[:, None] * np.maximum(cos_o, LEAST_COSINE) + np.maximum(away, 0))
+    mirror, facing = 2 * cos_o * px.normal - px.view, px.normal @ light.cone[:3]
+    core = 2 * alpha[:, None] * np.maximum(cos_o, LEAST_COSINE)
+    away = np.maximum(np.sqrt(np.maximum(2 - 2 * mirror @ light.cone[:3], 0)) - light.cone[3], 0)
+    bearable = detail * (core + away) * (1 + TAIL * away / core)
     level = (light.texels.size[:-1, None] > bearable).sum(0)
     held = 8 * np.diff(light.texels.start, axis=1)
-    up = px.normal @ light.cone[:3] > -light.cone[3]
-    return (held[level, np.arange(held.shape[1])] * up).sum(1).mean()
+    read = held[level, np.arange(held.shape[1])] * (facing > -light.cone[3])
+    whole = (light.clusters.solid_angle <= bearable**2) & (np.abs(facing) > light.cone[3])
+    return np.where(whole, facing > 0, read).sum(1).mean()
 
 
 def main(folder):

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from yesnt.color import LUMINANCE_REC709
 from yesnt.relight.lights import Clusters, PreparedLight
-from yesnt.relight.lobes import DISNEY, LAMBERT, NO_DIFFUSE, add_lobes, scale_lobes, set_frame
+from yesnt.relight.lobes import DISNEY, LAMBERT, NO_DIFFUSE, add_lobes, is_broad, scale_lobes, set_frame
 
 F32 = NDArray[np.float32]
 
@@ -52,6 +52,9 @@ COLUMNS = 20
 WIDEN = 0.5
 """Squared radius of a texel's disc of half vectors over its angular variance, times n.v: a disc's variance is half its
 squared radius, and half vectors fill 1 / (4 v.h) of the solid angle of the light (Walter 2007, eq. 14)."""
+
+TAIL = 0.08
+"""Growth of the texels that a lobe bears, for each of its widths that they lie away from its core."""
 
 LEAST_COSINE = 0.3
 """n.v below which a lobe is taken to grow no narrower across the plane of incidence: it grows longer along it."""
@@ -114,6 +117,8 @@ def sum_lobes(
                 np.float32(light.detail if filtered else _ANY_SIZE),
                 np.float32(WIDEN if filtered else 0.0),
                 points.disney,
+                texels.coarsest if filtered else 0,
+                np.float32(texels.most_spread),
             ),
             out,
         )
@@ -129,10 +134,12 @@ def cluster_rows(clusters: Clusters) -> F32:
 def _sum_lobes(points, texels, clusters, blocked, sizes, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     count, parts = points[2].shape[0], clusters[0].shape[1]
     for group in prange((count + _GROUP - 1) // _GROUP):
-        choice = (np.empty(parts, dtype=np.float32), np.empty(parts, dtype=np.int32), np.zeros(parts, dtype=np.uint8))
+        facing, bearable = np.empty(parts, dtype=np.float32), np.empty(parts, dtype=np.float32)
+        found = np.empty(parts + 1, dtype=np.intp)
+        choice = (facing, np.empty(parts, dtype=np.int32), np.zeros(parts, dtype=np.uint8), bearable, found)
         runs, frame = np.empty((parts, 2), dtype=np.int32), np.empty(12, dtype=np.float32)
         packed, glow = np.empty((8, _STRIDE // 2), dtype=np.float64), clusters[2].copy()
-        scratch = (packed, packed.view(np.float32), glow, np.empty(COLUMNS, dtype=np.float32))
+        scratch = (packed, packed.view(np.float32), glow, np.empty(COLUMNS, dtype=np.float32), np.empty_like(glow))
         for p in range(group * _GROUP, min(count, (group + 1) * _GROUP)):
             _one_pixel(p, points, texels, clusters, blocked, sizes, scratch, choice, runs, frame, out[p])
 
@@ -141,27 +148,30 @@ def _sum_lobes(points, texels, clusters, blocked, sizes, out):  # type: ignore[n
 def _one_pixel(p, points, texels, clusters, blocked, sizes, scratch, choice, runs, frame, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     normal, view, alpha, dielectric, metal = points
     cone, start = clusters[0], texels[2]
-    facing, level, behind = choice
+    facing, level, behind, bearable, found = choice
     set_frame(normal[0, p], normal[1, p], normal[2, p], view[0, p], view[1, p], view[2, p], frame)
     frame[11] = alpha[p]
     widen = sizes[1] / max(frame[9], np.float32(LEAST_COSINE))
     shut = _hide(blocked[0], p, behind)
-    _choose(frame, sizes[0], texels[3], cone, facing, level)
-    diffuse = DISNEY if sizes[2] else LAMBERT
+    diffuse, broad = DISNEY if sizes[2] else LAMBERT, is_broad(frame, widen * sizes[4])
+    _choose(frame, sizes, texels[3], cone, clusters[2], facing, level, bearable)
     if sizes[2]:
         level[:] = 0
-        used = _runs_in_sight(start, cone, facing, behind, level, runs)
-        _choose(frame, sizes[0], texels[3], cone, facing, level)
+        used = _runs_in_sight(start, cone, facing, behind, level, runs, found)
+        _choose(frame, sizes, texels[3], cone, clusters[2], facing, level, bearable)
     else:
         _above_the_horizon(cone, clusters[1], facing, behind, frame, out)
-        used = _runs_at_the_horizon(start, cone, facing, behind, runs)
-    _sum_runs(texels, runs, used, scratch, (diffuse, False, False), frame, widen, out)
-    used = _runs_in_sight(start, cone, facing, behind, level, runs)
-    _sum_runs(texels, runs, used, scratch, (NO_DIFFUSE, dielectric[p] != 0, metal[p] != 0), frame, widen, out)
+        used = _runs_at_the_horizon(start, cone, facing, behind, runs, found)
+    _sum_runs(texels, runs, used, scratch, (diffuse, False, False, False), frame, widen, out)
+    used = _runs_in_sight(start, cone, facing, behind, level, runs, found)
+    wanted = (NO_DIFFUSE, dielectric[p] != 0, metal[p] != 0, broad)
+    _sum_runs(texels, runs, used, scratch, wanted, frame, widen, out)
+    if sizes[3] < 0:
+        _whole(clusters[2], choice, frame, widen, wanted, scratch[4], out)
     for k in range(4):  # so far nothing that is hidden
         out[12 + k] = _RED * out[3 * k] + _GREEN * out[3 * k + 1] + _BLUE * out[3 * k + 2]
     if shut:
-        wanted = (diffuse, dielectric[p] != 0, metal[p] != 0)
+        wanted = (diffuse, dielectric[p] != 0, metal[p] != 0, False)
         _glow(p, clusters[2], behind, blocked[1], frame, widen, wanted, scratch[2], scratch[3], out)
     scale_lobes(out)
 
@@ -178,44 +188,70 @@ def _hide(hidden, p, behind):  # type: ignore[no-untyped-def]  # noqa: ANN001, A
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def _choose(frame, detail, size, cone, facing, level):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _choose(frame, sizes, size, cone, whole, facing, level, bearable):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Writes n.l of every cluster and the coarsest level whose texels are small beside the lobe there.
 
-    A lobe about the mirror direction is 2 alpha wide, n.v times that across the plane of incidence, and its tail a
-    distance d from there varies over d.
+    Level -1 is the cluster itself, where the horizon does not cut it. A lobe about the mirror direction is 2 alpha
+    wide, n.v times that across the plane of incidence. Its tail a distance d from there varies over d; it holds the
+    less light the farther out, and bears larger texels for that.
     """
     nv, tv, alpha = frame[9], frame[10], frame[11]
     mx, my, mz = nv * frame[0] - tv * frame[3], nv * frame[1] - tv * frame[4], nv * frame[2] - tv * frame[5]
     core = _TWO * alpha * max(nv, np.float32(LEAST_COSINE))
+    nx, ny, nz, detail, growth = frame[0], frame[1], frame[2], sizes[0], np.float32(TAIL) / core
     for c in range(facing.shape[0]):
         x, y, z, sine = cone[0, c], cone[1, c], cone[2, c], cone[3, c]
-        facing[c] = x * frame[0] + y * frame[1] + z * frame[2]
-        away = math.sqrt(max(_TWO - _TWO * (x * mx + y * my + z * mz), _ZERO))
-        bearable = detail * (core + max(away - sine, _ZERO))
-        finer = 0
-        for k in range(size.shape[0] - 1):
-            finer += size[k, c] > bearable
-        level[c] = finer
+        facing[c] = x * nx + y * ny + z * nz
+        away = max(math.sqrt(max(_TWO - _TWO * (x * mx + y * my + z * mz), _ZERO)) - sine, _ZERO)
+        bearable[c] = detail * (core + away) * (_ONE + growth * away)
+    for c in range(facing.shape[0]):
+        level[c] = sizes[3]
+    if sizes[3] < 0:
+        for c in range(facing.shape[0]):
+            coarse = (whole[6, c] <= bearable[c] * bearable[c]) & (abs(facing[c]) > cone[3, c])
+            level[c] += not coarse
+    for k in range(size.shape[0] - 1):
+        for c in range(facing.shape[0]):
+            level[c] += size[k, c] > bearable[c]
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def _runs_at_the_horizon(start, cone, facing, behind, runs):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _runs_at_the_horizon(start, cone, facing, behind, runs, found):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Writes runs of level 0 blocks of clusters that the horizon cuts: how many."""
-    used = 0
-    for c in range(facing.shape[0]):
-        if behind[c] == 0 and abs(facing[c]) <= cone[3, c]:
-            used = _append(runs, used, start[0, c], start[0, c + 1])
+    count = used = 0
+    for c in range(facing.shape[0]):  # found without a branch, which would be guessed wrong half of the time
+        found[count] = c
+        count += (behind[c] == 0) & (abs(facing[c]) <= cone[3, c])
+    for i in range(count):
+        used = _append(runs, used, start[0, found[i]], start[0, found[i] + 1])
     return used
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def _runs_in_sight(start, cone, facing, behind, level, runs):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _runs_in_sight(start, cone, facing, behind, level, runs, found):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Writes runs of blocks, at their levels, of clusters that are up and not hidden: how many."""
-    used = 0
+    count = used = 0
     for c in range(facing.shape[0]):
-        if behind[c] == 0 and facing[c] > -cone[3, c]:
-            used = _append(runs, used, start[level[c], c], start[level[c], c + 1])
+        found[count] = c
+        count += (behind[c] == 0) & (level[c] >= 0) & (facing[c] > -cone[3, c])
+    for i in range(count):
+        c = found[i]
+        used = _append(runs, used, start[level[c], c], start[level[c], c + 1])
     return used
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def _whole(whole, choice, frame, widen, wanted, rows, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Adds clusters in sight that are read as one texel each."""
+    facing, level, behind, _, found = choice
+    count = 0
+    for c in range(behind.shape[0]):
+        found[count] = c
+        count += (behind[c] == 0) & (level[c] < 0) & (facing[c] > _ZERO)
+    for k in range(8):
+        for i in range(count):
+            rows[k, i] = whole[k, found[i]]
+    add_lobes(frame, widen, rows, 0, count, (NO_DIFFUSE, wanted[1], wanted[2], False), out)
 
 
 @njit(cache=True, error_model="numpy", inline="always")

@@ -54,6 +54,16 @@ class Texels:
         return np.repeat(np.arange(self.start.shape[1] - 1), LANES * np.diff(self.start[level]))
 
     @property
+    def coarsest(self) -> int:
+        """The level that a pixel may begin at: -1, a cluster as one texel, unless every cell is a texel."""
+        return -1 if len(self.start) > 1 else 0
+
+    @cached_property
+    def most_spread(self) -> float:
+        """Largest spread of all texels."""
+        return float(self.rows[7].max())
+
+    @property
     def direction(self) -> F32:
         """[3, T] of level 0."""
         return self.level(0)[:3]
@@ -110,10 +120,14 @@ def _with_count(sums: Float, boxes: list[Box]) -> Float:
 
 
 def _regular(moments: Float, hull: Box, step: int) -> Float:
-    """Sums [n, 11] of squares of `step` x `step` cells of a box; of more columns beside a pole, where they crowd."""
+    """Sums [n, 11] of squares of `step` x `step` cells of a box; of more columns beside a pole, where they crowd.
+
+    The finest, of step 1, are the cells themselves: what a mirror shows is then what the full sum shows.
+    """
     a, b, c, d = hull
     sine = np.sin(np.pi * 0.5 * (a + b) / moments.shape[0])
-    across = step * int(2 ** np.floor(np.log2(np.clip(1 / max(sine, 1e-9), 1, _MOST_MERGED))))
+    most = _MOST_MERGED if step > 1 else 1
+    across = step * int(2 ** np.floor(np.log2(np.clip(1 / max(sine, 1e-9), 1, most))))
     counted = np.concatenate([moments[a:b, c:d], np.ones((b - a, d - c, 1))], axis=2)
     rows = np.add.reduceat(counted, np.arange(0, b - a, step), axis=0)
     return np.add.reduceat(rows, np.arange(0, d - c, across), axis=1).reshape(-1, counted.shape[2])
@@ -129,7 +143,7 @@ def assemble(levels: list[list[Float]], world_from_map: Float) -> Texels:
     first = np.cumsum(np.concatenate([[0], counts.ravel()[:-1]]))
     slot = np.arange(len(flat)) - first[owner] + start[owner] * LANES
     rows = np.zeros((len(_ROWS), odd_lines(int(start[-1]) * LANES)), dtype=np.float32)
-    rows[2], rows[7] = 1.0, 1.0  # filling: no light, no size, but a direction and a width
+    rows[2] = 1.0  # filling: no light, no size, but a direction
     rows[:3, slot] = (centroid(flat) @ world_from_map.T).T
     rows[3:6, slot], rows[6, slot], rows[7, slot] = flat[:, :3].T, flat[:, 6], spread(flat[:, :10], flat[:, 10])
     bounds = [start[level * counts.shape[1] :][: counts.shape[1] + 1] for level in range(len(counts))]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from yesnt.color import LUMINANCE_REC709
 from yesnt.relight.brdf import COS_MIN
-from yesnt.relight.kernels import COLUMNS, LEAST_COSINE, WIDEN, ShadingPoints, cluster_rows
+from yesnt.relight.kernels import COLUMNS, LEAST_COSINE, TAIL, WIDEN, ShadingPoints, cluster_rows
 from yesnt.relight.lights import PreparedLight
 from yesnt.relight.lobes import FRESNEL
 
@@ -61,6 +61,7 @@ class _Sums:
         self.detail, self.widen = (light.detail, WIDEN) if filtered else (math.inf, 0.0)
         self.levels = [self._put(texels.level(k)) for k in range(len(texels.start))]
         self.owners = [self._put(texels.owner(k)) for k in range(len(texels.start))]
+        self.coarsest = texels.coarsest if filtered else 0
         self.size, self.cone = self._put(texels.size), self._put(light.cone)
         self.clusters = self._put(cluster_rows(light.clusters))
         self.luminance = self._put(np.asarray(LUMINANCE_REC709, dtype=np.float32))
@@ -80,25 +81,30 @@ class _Sums:
         if hidden is not None:
             shut = self._put(hidden).float()
         up = (normal @ self.cone[:3] > -self.cone[3]).float() * (1 - shut)
-        level = self._level(frame)
+        level = self._level(frame, normal)
         sums = torch.zeros((len(alpha), COLUMNS), device=self.device)
         _add_irradiance(sums, frame, self.levels[0], up[:, self.owners[0]])
         for k, (rows, owner) in enumerate(zip(self.levels, self.owners, strict=True)):
             chosen = up * (level == k)
             if chosen.any():
                 _add_lobes(sums, frame, rows, chosen[:, owner])
+        _add_lobes(sums, frame, self.clusters, up * (level < 0))
         for k in range(4):
             sums[:, 12 + k] = sums[:, 3 * k : 3 * k + 3] @ self.luminance
         if hidden is not None:
             self._glow(sums, frame, shut, bounce)
         return sums.cpu().numpy()
 
-    def _level(self, frame: _Frame) -> torch.Tensor:
+    def _level(self, frame: _Frame, normal: torch.Tensor) -> torch.Tensor:
         """Level [P, C] that each cluster is read at; see kernels._choose."""
         core = 2 * frame.alpha * frame.nv.clamp(min=LEAST_COSINE)
         away = (2 - 2 * frame.mirror @ self.cone[:3]).clamp(min=0).sqrt() - self.cone[3]
-        bearable = self.detail * (core + away.clamp(min=0))
-        return (self.size[:-1, None] > bearable[None]).sum(0)
+        away = away.clamp(min=0)
+        bearable = self.detail * (core + away) * (1 + TAIL * away / core)
+        level = (self.size[:-1, None] > bearable[None]).sum(0)
+        cut = (normal @ self.cone[:3]).abs() <= self.cone[3]
+        whole = (self.clusters[6] <= bearable * bearable) & ~cut
+        return level + self.coarsest * whole
 
     def _glow(self, sums: torch.Tensor, frame: _Frame, shut: torch.Tensor, bounce: F32 | None) -> None:
         """Hidden clusters: their own light for the open sums, what bounces for the others."""
@@ -162,10 +168,9 @@ class _Frame:
         square = torch.maximum(root * (root + x), half)
         smith = self.nv * (cos_i.square() * (1 - a2) + a2).sqrt() + cos_i * (self.nv.square() * (1 - a2) + a2).sqrt()
         shape = cos_i * a2 * q * q / (0.5 * square * smith) * (0.5 / np.pi)
-        cos_d, fresnel = 0.5 * q.sqrt(), torch.zeros(())
-        for coefficient in reversed(FRESNEL.tolist()):
-            fresnel = fresnel * cos_d + coefficient
-        high = shape * (1 - cos_d).clamp(min=0) ** 5
+        m = 1 - 0.5 * q.sqrt()
+        fresnel = sum(c * m**k for c, k in zip(map(float, FRESNEL), (0, 2, 4, 8, 16), strict=True))
+        high = shape * m.clamp(min=0) ** 5
         return [shape * fresnel, shape - high, high]
 
 

@@ -1,6 +1,8 @@
 """What each term of relighting is worth: display PSNR inside the matte against rendered truth, with true materials.
 
-    python tests/benchmarks/relight_ladder.py FOLDER [FIRST-LASTxSTEP]
+    python tests/benchmarks/relight_ladder.py FOLDER [FIRST-LASTxSTEP] [short]
+
+`short`: only standard quality, with and without shadows.
 
 FOLDER holds a shot with `truth/material.####.exr` and `truth/relit_NAME.####.exr` for maps `env/NAME.exr`. Matte:
 opacity > 0.99; sRGB, clipped to [0, 1]; PSNR of each frame, mean over frames.
@@ -79,20 +81,23 @@ def psnr(found, truth, matte):
     return -10 * np.log10(np.square(error).mean())
 
 
-def main(folder, frames):
-    maps = sorted(p.name.split("_")[1].split(".")[0] for p in (folder / "truth").glob(f"relit_*.{frames[0]}.exr"))
+FREE, WHOLE = "+ Cycles' energy terms", "+ edges resolved = standard"
+
+
+def main(folder, frames, rungs):
+    maps = sorted(p.name.removeprefix("relit_").split(".")[0] for p in (folder / "truth").glob(f"relit_*.{frames[0]}.exr"))
     envs = {n: EnvMap.open(folder / "env" / f"{n}.exr") for n in [*maps, "capture"]}
-    scores = {name: np.zeros((len(frames), len(maps))) for name in ["unlit plate", *RUNGS]}
+    scores = {name: np.zeros((len(frames), len(maps))) for name in ["unlit plate", *rungs]}
     seconds = dict.fromkeys(scores, 0.0)
     lights = {
         name: ({n: prepare_relight(envs[n], s) for n in maps}, prepare_capture(envs["capture"], s))
-        for name, (s, _, _) in RUNGS.items()
+        for name, (s, _, _) in rungs.items()
     }
     for i, frame in enumerate(frames):
         inputs, proxy, truths = load(folder, frame, maps)
         matte = inputs.surface.opacity > 0.99
         scores["unlit plate"][i] = [psnr(inputs.plate, truths[n], matte) for n in maps]
-        for name, (settings, meshed, roughness) in RUNGS.items():
+        for name, (settings, meshed, roughness) in rungs.items():
             rough = inputs.surface.roughness if roughness is None else np.full(matte.shape, roughness, np.float32)
             given = replace(inputs, surface=replace(inputs.surface, roughness=rough))
             for j, n in enumerate(maps):
@@ -105,11 +110,12 @@ def main(folder, frames):
     for name, table in scores.items():
         row = "  ".join(f"{v:6.2f}" for v in table.mean(0))
         print(f"{name:32s} {row}   {table.mean():6.2f}   {table.mean(1).min():6.2f}   {seconds[name] / runs:6.2f}")
-    gain = scores["+ edges resolved = standard"] - scores["+ Cycles' energy terms"]
+    gain = scores[WHOLE] - scores[FREE]
     print(f"with shadows minus without, worst frame and map: {gain.min():+.2f} dB")
 
 
 if __name__ == "__main__":
     span, _, step = (sys.argv[2] if len(sys.argv) > 2 else "1001-1012").partition("x")
     first, _, last = span.partition("-")
-    main(Path(sys.argv[1]), list(range(int(first), int(last or first) + 1, int(step or 1))))
+    chosen = {name: RUNGS[name] for name in (FREE, WHOLE)} if sys.argv[3:] == ["short"] else RUNGS
+    main(Path(sys.argv[1]), list(range(int(first), int(last or first) + 1, int(step or 1))), chosen)

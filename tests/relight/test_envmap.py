@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from tests.relight.scenes import sky
+from tests.relight.scenes import sky, sphere
 from yesnt.errors import JobError
-from yesnt.relight import EnvMap, prepare_light
+from yesnt.relight import EnvMap, prepare_light, shade
 from yesnt.relight.envmap import cell_moments, direction_to_uv, rotation_matrix, row_solid_angles, uv_to_direction
 
 AXES = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0], [0, -1, 0], [0, 0, -1], [0.6, 0, 0.8]])
@@ -118,3 +118,6 @@ def test_an_8k_map():
     radiance = np.full((4096, 8192, 3), 0.5, dtype=np.float32)
     light = prepare_light(EnvMap.from_array(radiance), 2048, 256)
     assert np.allclose(light.clusters.energy.sum(1), 2 * np.pi, rtol=1e-5)
+    gbuffer, cam = sphere((4, 4), base=(1, 1, 1))
+    shading = shade(gbuffer, EnvMap.from_array(radiance), cam, "standard", shadows=False)
+    assert np.allclose(shading.radiance[gbuffer.opacity > 0], 0.5, rtol=0.02)

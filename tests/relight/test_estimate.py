@@ -47,7 +47,7 @@ def test_requirements_name_every_term_with_its_reason():
     found = {r.term: r for r in requirements(SceneFacts(light, even, False, (0.6, 0.9), (0.0, 0.0)), settings)}
     assert found["sun"].modelled
     assert not found["metallic lobe"].modelled
-    assert not found["fine grid for sharp lobes"].modelled
+    assert not found["map filtered for metal in metal"].modelled
     assert not found["bounce"].modelled
     assert "uniform" in found["capture light"].reason
     assert "z" in found["shadows"].reason

@@ -16,6 +16,8 @@ from yesnt.relight import (
     relight_frame,
     shade,
 )
+from yesnt.relight.brdf import alpha_ggx
+from yesnt.relight.points import gather_pixels
 
 DRAFT = RelightSettings.from_quality("draft", edges=False)
 
@@ -169,6 +171,9 @@ IMAGES = {
     "normals nan": lambda g: {"normal": g["normal"] * np.nan},
     "grazing": lambda g: {"normal": np.cross(g["normal"], camera((10, 12)).rays(1)).astype(np.float32)},
     "z": lambda g: {"z": _thirds(g["z"].copy())},
+    "z 0": lambda g: {"z": 0 * g["z"]},
+    "z 1e10": lambda g: {"z": np.full_like(g["z"], 1e10)},
+    "z nan": lambda g: {"z": g["z"] * np.nan},
     "matte 0": lambda g: {"opacity": 0 * g["opacity"]},
     "half": lambda g: {key: np.minimum(value, 6e4).astype(np.float16) for key, value in g.items()},
     "materials nan": lambda g: {key: g[key] * np.nan for key in ("roughness", "metallic", "base_color")},
@@ -178,6 +183,8 @@ RADIANCE = {
     "sun": np.where(np.arange(8 * 16).reshape(8, 16, 1) == 37, 1e7, 0.1) * np.ones(3),
     "black map": np.zeros((8, 16, 3)),
     "1x2 map": np.array([[[1.0, 2, 3], [4, 5, 6]]]),
+    "negative map": np.full((4, 8, 3), -1.0),
+    "nan map": np.full((4, 8, 3), np.nan),
     "bad map": np.where(np.arange(3) == 0, np.nan, -1.0) * np.ones((4, 8, 1)),
 }
 
@@ -202,6 +209,47 @@ def test_extremes_give_finite_non_negative_pixels(name, brdf, shadows):
     relit = relight(np.full_like(shading.radiance, np.inf), gbuffer, cam, env, env, DRAFT)
     assert np.isfinite(relit.radiance).all()
     assert (relit.radiance >= 0).all()
+
+
+@pytest.mark.parametrize("name", [*IMAGES, *RADIANCE])
+def test_extremes_with_a_proxy_give_finite_non_negative_pixels(name):
+    """Standard quality: sparse rays, bounces, metal in metal, edges."""
+    gbuffer, cam, env = _extreme(name)
+    gbuffer = replace(gbuffer, metallic=np.where(np.isnan(gbuffer.metallic), np.nan, np.eye(*gbuffer.metallic.shape)))
+    proxy = ProxyScene.from_arrays(*box_mesh((-0.4, -1.6, -0.4), (0.4, -1.2, 0.4)))
+    plate = np.where(np.arange(3) == 0, np.nan, 0.5) * np.ones((*gbuffer.z.shape, 1))
+    relit = relight(plate, gbuffer, cam, env, env, RelightSettings.from_quality("standard", texels=256), proxy)
+    for image in (relit.base_color, relit.diffuse, relit.specular, relit.radiance, relit.shadow):
+        assert np.isfinite(image).all()
+        assert (image >= 0).all()
+
+
+def test_no_matte_gives_black_and_no_pixel_is_touched_outside_it():
+    gbuffer, cam, env = _extreme("matte 0")
+    assert not shade(gbuffer, env, cam, "standard").radiance.any()
+    gbuffer, cam, env = _extreme("roughness 0")
+    assert not shade(gbuffer, env, cam, "standard").radiance[gbuffer.opacity == 0].any()
+
+
+def test_half_precision_images_give_what_single_ones_do():
+    gbuffer, cam, env = _extreme("half")
+    wide = GBuffer(**{key: value.astype(np.float32) for key, value in vars(gbuffer).items()})
+    assert np.array_equal(shade(gbuffer, env, cam, "draft").radiance, shade(wide, env, cam, "draft").radiance)
+
+
+def test_a_mirror_that_turns_within_a_pixel_is_less_sharp_and_a_flat_one_or_an_edge_is_not():
+    gbuffer, cam = sphere((24, 24), roughness=0.1)
+    px = gather_pixels(surface(gbuffer, cam))
+    middle = np.flatnonzero(px.index == 12 * 24 + 12)[0]
+    step = 3 / (1.7 * 24)  # metres a pixel at the front of a sphere of 1 m: radians of its normal
+    assert np.isclose(px.turn[middle], 2 * step**2, rtol=0.05)
+    everything = slice(0, len(px.index))
+    assert (px.lobes(everything, "default").alpha > alpha_ggx(px.roughness)).all()
+    assert np.allclose(px.lobes(everything, "paper").alpha, alpha_ggx(px.roughness))
+    flat = np.broadcast_to(np.float32([0, -1, 0]), (24, 24, 3)).copy()
+    flat[:, 12:] = [0, 0, 1]
+    gbuffer = replace(gbuffer, normal=flat, opacity=np.ones((24, 24), np.float32))
+    assert not gather_pixels(surface(gbuffer, cam)).turn.any()
 
 
 def test_averaged_normals_take_the_light_of_the_surfaces_that_they_mix():

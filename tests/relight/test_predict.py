@@ -1,9 +1,14 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tests.relight.scenes import sky
 from tests.relight.test_frame import floor_and_block, relight
-from yesnt.relight import RelightSettings, prepare_light, requirements
+from tests.relight.test_kernels import pixels
+from yesnt.relight import RelightSettings, glow, prepare_light, requirements
+from yesnt.relight.glow import LEVELS
+from yesnt.relight.kernels import sum_lobes
 from yesnt.relight.predict import bounces_worth
 from yesnt.relight.scope import SceneFacts
 
@@ -43,5 +48,36 @@ def test_plan_says_how_many_rays_and_what_a_constant_material_leaves_out():
     found = {r.term: r for r in requirements(facts, RelightSettings(error=0.01))}
     assert f"{len(light.clusters)} rays" in found["shadows"].reason
     assert "predicted display error" in found["shadows"].reason
-    assert not found["texels of several sizes"].modelled
+    assert not found["map filtered for metal in metal"].modelled
     assert not found["metallic lobe"].modelled
+
+
+def test_fine_texels_that_plan_leaves_out_are_not_read():
+    """Broken on purpose, they change no bit; a sharper lobe reads them, and plan says so."""
+    light = prepare_light(sky(64), 2048, 64)
+    whole, rows = light.texels.start[0, -1] * 8, light.texels.rows.copy()
+    rows[3:7, whole:] = np.nan
+    broken = replace(light, texels=replace(light.texels, rows=rows))
+    for roughness, modelled in ((0.9, False), (0.1, True)):
+        facts = SceneFacts(light, light, True, (roughness, 1.0), (1.0, 1.0))
+        found = {r.term: r for r in requirements(facts, RelightSettings())}
+        assert found["fine texels for sharp lobes"].modelled == modelled
+        lobes = pixels(np.float32(roughness)).lobes(slice(0, 300), "default")
+        one, two = (sum_lobes(lobes, which, None, None) for which in (light, broken))
+        assert np.array_equal(one, two) != modelled
+
+
+def test_constant_roughness_filters_one_level_for_metal_in_metal(monkeypatch):
+    gbuffer, cam, proxy = floor_and_block()
+    filtered, plain = [], glow._filtered
+    monkeypatch.setattr(glow, "_filtered", lambda light, level: (filtered.append(level), plain(light, level))[1])
+    for metallic, levels in ((0.0, set()), (1.0, {LEVELS.index(0.25)})):
+        filtered.clear()
+        gbuffer.metallic[:], gbuffer.roughness[:] = metallic, 0.3
+        settings = RelightSettings.from_quality("draft", base_color="plate")
+        relight(gbuffer.base_color, gbuffer, cam, sky(), sky(8), settings, proxy)
+        assert set(filtered) == levels
+        facts = SceneFacts(None, None, True, (0.3, 0.3), (metallic, metallic))
+        found = {r.term: r for r in requirements(facts, settings)}["map filtered for metal in metal"]
+        assert found.modelled == bool(levels)
+        assert ("one level" in found.reason) == bool(levels)

@@ -7,7 +7,7 @@ there, what hides it, as a diffuse surface of the same colour.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -30,6 +30,9 @@ LEVELS = (0.1, 0.25, 0.4, 0.6, 1.0)
 
 ROWS = 48
 """Rows of the filtered maps: 3.75 degrees, finer than a light cluster."""
+
+
+_TINT = 1e-3  # sum of a triangle's metallic base colour below which it mirrors nothing
 
 
 @dataclass(frozen=True)
@@ -108,29 +111,46 @@ def glow_of(
     arrives, hits = proxy.gather(light.coarse, diffuse + tint, settings.bounce, settings.offset, settings.error)
     sent = np.concatenate([(diffuse + tint) * arrives, np.zeros((1, 3), np.float32)]).astype(np.float32)
     nothing = np.zeros((1, 3), np.float32)
-    level = np.abs(roughness[:, None] - np.array(LEVELS, np.float32)).argmin(axis=1).astype(np.int32)
+    level = nearest_level(roughness)
     seen = np.where((hits == OPEN)[..., None], np.float32(-1), sent[hits])
     shining = np.concatenate([diffuse * arrives, nothing]).astype(np.float32)
     tinted = np.concatenate([tint, nothing]).astype(np.float32)
-    return Glow(shining, tinted, painted[:, 7], proxy.normals, level, seen, mirrored_light(light))
+    used = tuple(np.unique(level[tint.sum(axis=1) > _TINT]).tolist())
+    return Glow(shining, tinted, painted[:, 7], proxy.normals, level, seen, mirrored_light(light, used))
+
+
+def mirrored_light(light: PreparedLight, used: tuple[int, ...]) -> MirroredLight:
+    """A light filtered for some of LEVELS; the others stay black."""
+    radiance = np.zeros((len(LEVELS), ROWS, 2 * ROWS, 3), dtype=np.float32)
+    for i in used:
+        radiance[i] = _filtered(light, i)
+    return MirroredLight(radiance, _nearest(light))
+
+
+def nearest_level(roughness: NDArray[np.floating]) -> I32:
+    """Index into LEVELS of each roughness [N]."""
+    return np.abs(roughness[:, None] - np.array(LEVELS, np.float32)).argmin(axis=1).astype(np.int32)
+
+
+def _directions() -> F32:
+    down, across = (np.arange(ROWS)[:, None] + 0.5) / ROWS, (np.arange(2 * ROWS) + 0.5) / (2 * ROWS)
+    return uv_to_direction(across, down).reshape(-1, 3).astype(np.float32)
 
 
 @lru_cache(maxsize=4)
-def mirrored_light(light: PreparedLight) -> MirroredLight:
-    """A light filtered for every level; once per light."""
-    down, across = (np.arange(ROWS)[:, None] + 0.5) / ROWS, (np.arange(2 * ROWS) + 0.5) / (2 * ROWS)
-    direction = uv_to_direction(across, down).reshape(-1, 3).astype(np.float32)
-    size, full = len(direction), np.ones(len(direction), np.float32)
-    radiance = []
-    pixels = Pixels(np.arange(size), (1, size), direction, direction, direction, full, full)
-    for roughness in LEVELS:
-        level, whole = replace(pixels, roughness=full * np.float32(roughness)), slice(0, size)
-        sums = normalise(sum_lobes(level.lobes(whole, "default"), light, None, None), level, whole)
-        radiance.append(sums[:, METAL_F0] + sums[:, METAL_F90])
-    white = np.maximum(_albedo_at_normal(), 1e-3)[:, None, None, None]
-    nearest = light.coarse.nearest(direction).reshape(ROWS, 2 * ROWS)
-    filtered = np.stack(radiance).reshape(len(LEVELS), ROWS, 2 * ROWS, 3) / white
-    return MirroredLight(filtered.astype(np.float32), nearest)
+def _nearest(light: PreparedLight) -> I32:
+    return light.coarse.nearest(_directions()).reshape(ROWS, 2 * ROWS)
+
+
+@lru_cache(maxsize=4 * len(LEVELS))
+def _filtered(light: PreparedLight, level: int) -> F32:
+    """A light as metal of roughness LEVELS[level] mirrors it [ROWS, 2 ROWS, 3]; once per light and level."""
+    direction = _directions()
+    size, full, whole = len(direction), np.ones(len(direction), np.float32), slice(0, len(direction))
+    pixels = Pixels(np.arange(size), (1, size), direction, direction, direction, full * np.float32(LEVELS[level]), full)
+    sums = normalise(sum_lobes(pixels.lobes(whole, "default"), light, None, None), pixels, whole)
+    white = max(float(_albedo_at_normal()[level]), 1e-3)
+    return ((sums[:, METAL_F0] + sums[:, METAL_F90]) / white).reshape(ROWS, 2 * ROWS, 3).astype(np.float32)
 
 
 def _albedo_at_normal() -> F32:
@@ -151,7 +171,7 @@ def _towards(rays, radiance, metal, mirrored, out):  # type: ignore[no-untyped-d
                 continue
             for k in range(3):
                 out[k, p, c] = radiance[face, k]
-            if tint[face, 0] + tint[face, 1] + tint[face, 2] > np.float32(1e-3):
+            if tint[face, 0] + tint[face, 1] + tint[face, 2] > np.float32(_TINT):
                 dx, dy, dz = directions[0, c], directions[1, c], directions[2, c]
                 if c == own[p]:
                     dx, dy, dz = mirror[p, 0], mirror[p, 1], mirror[p, 2]

@@ -107,14 +107,15 @@ def sum_lobes(
     if count:
         nothing = np.zeros((0, 0), dtype=np.bool_)
         glow = np.zeros((3, 0, 0), dtype=np.float32) if bounce is None else bounce
-        texels = light.texels
+        texels, detail = light.texels, light.detail if filtered else _ANY_SIZE
+        levels = texels.finest(least_bearable(detail, float(points.alpha.min()))) + 1
         _sum_lobes(
             (points.normal, points.view, points.alpha, points.dielectric, points.metal),
-            (texels.rows, texels.packed, texels.start, texels.size),
+            (texels.rows, texels.packed, texels.start[:levels], texels.size[:levels]),
             (light.cone, light.moment, cluster_rows(light.clusters)),
             (nothing if hidden is None else hidden, glow),
             (
-                np.float32(light.detail if filtered else _ANY_SIZE),
+                np.float32(detail),
                 np.float32(WIDEN if filtered else 0.0),
                 points.disney,
                 texels.coarsest if filtered else 0,
@@ -123,6 +124,11 @@ def sum_lobes(
             out,
         )
     return out
+
+
+def least_bearable(detail: float, alpha: float) -> float:
+    """Size, rad, of the texels that lobes of that width bear at their cores; see _choose."""
+    return detail * 2 * alpha * LEAST_COSINE
 
 
 def cluster_rows(clusters: Clusters) -> F32:

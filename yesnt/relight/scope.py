@@ -7,6 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from yesnt.color import luminance
+from yesnt.relight.brdf import alpha_ggx
+from yesnt.relight.glow import LEVELS, nearest_level
+from yesnt.relight.kernels import least_bearable
 from yesnt.relight.lights import PreparedLight
 from yesnt.relight.settings import RelightSettings
 
@@ -53,7 +56,7 @@ def requirements(facts: SceneFacts, settings: RelightSettings) -> tuple[Requirem
     """Lists every term of the model, modelled or left out, with the reason."""
     return (
         _metal(facts, settings),
-        _levels(facts),
+        _levels(facts, settings),
         _sharp(facts, settings),
         _sun(facts),
         _shadow(facts, settings),
@@ -71,21 +74,30 @@ def _metal(facts: SceneFacts, settings: RelightSettings) -> Requirement:
     return Requirement(name, True, "computed for the pixels that are metallic, skipped for the others")
 
 
-def _levels(facts: SceneFacts) -> Requirement:
-    name = "texels of several sizes"
-    if facts.roughness is not None and facts.roughness[1] - facts.roughness[0] < _TRACE:
-        return Requirement(
-            name, False, f"roughness is {facts.roughness[0]:.2f} everywhere: each direction has one size"
-        )
-    return Requirement(name, True, "each pixel takes those that are small beside its lobe")
+def _levels(facts: SceneFacts, settings: RelightSettings) -> Requirement:
+    name = "map filtered for metal in metal"
+    if settings.bounce == 0 or settings.shadows is not True or not facts.proxy:
+        return Requirement(name, False, "nothing bounces off a proxy")
+    if facts.metallic is not None and facts.metallic[1] < _TRACE:
+        return Requirement(name, False, "no pixel is metallic")
+    if facts.roughness is None:
+        return Requirement(name, True, f"at most {len(LEVELS)} levels, those that the metal's roughness asks for")
+    low, high = facts.roughness
+    first, last = nearest_level(np.array([low, high], dtype=np.float32))
+    if first == last:
+        return Requirement(name, True, f"one level: roughness is {low:.2f} to {high:.2f}")
+    return Requirement(name, True, f"at most {last - first + 1} levels: roughness is {low:.2f} to {high:.2f}")
 
 
 def _sharp(facts: SceneFacts, settings: RelightSettings) -> Requirement:
-    name = "fine grid for sharp lobes"
-    edge = float(np.sqrt(min(0.5 * np.sqrt(4 * np.pi / settings.texels) / settings.detail, 1.0)))
-    if facts.roughness is not None and facts.roughness[0] > edge:
-        return Requirement(name, False, f"no roughness is below {edge:.2f}: the texels resolve every lobe")
-    return Requirement(name, True, f"roughness below {edge:.2f} sees single cells of the map")
+    name = "fine texels for sharp lobes"
+    if facts.light is None or facts.roughness is None:
+        return Requirement(name, True, "each pixel takes those that are small beside its lobe")
+    alpha = float(alpha_ggx(np.array(facts.roughness[0])))
+    finest, all_ = facts.light.texels.finest(least_bearable(settings.detail, alpha)), len(facts.light.texels.start)
+    if finest == 0:
+        return Requirement(name, False, f"no roughness is below {facts.roughness[0]:.2f}: no lobe asks for them")
+    return Requirement(name, True, f"{finest} of {all_ - 1} finer sizes: roughness begins at {facts.roughness[0]:.2f}")
 
 
 def _sun(facts: SceneFacts) -> Requirement:

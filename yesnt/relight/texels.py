@@ -58,6 +58,11 @@ class Texels:
         """The level that a pixel may begin at: -1, a cluster as one texel, unless every cell is a texel."""
         return -1 if len(self.start) > 1 else 0
 
+    def finest(self, bearable: float) -> int:
+        """The finest level that lobes ask for which bear texels of `bearable` rad or more everywhere."""
+        enough = np.flatnonzero((self.size <= bearable).all(axis=1))
+        return int(enough[0]) if len(enough) else len(self.start) - 1
+
     @cached_property
     def most_spread(self) -> float:
         """Largest spread of all texels."""

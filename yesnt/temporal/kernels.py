@@ -95,12 +95,8 @@ def _gradient_space(t, x, out, geo, observed, confidence, params):
     data, space, from_left = 0.0, 0.0, 0.0
     for p in pixels_of(t, geo):
         r = x[p] - np.float64(observed[p])
-        size = abs(r)
-        if size <= delta:
-            slope, value = r, 0.5 * r * r
-        else:
-            slope, value = math.copysign(delta, r), delta * (size - 0.5 * delta)
-        data += confidence[p] * value
+        slope = min(delta, max(-delta, r))
+        data += confidence[p] * slope * (r - 0.5 * slope)
         dx, dy = differences(p, x, geo)
         tau = math.sqrt(dx * dx + dy * dy + eps * eps)
         space += tau
@@ -137,41 +133,50 @@ def linearise(first, last, x, duals, trust, geo, observed, confidence, params, o
     The duals are scaled by `trust` in [0, 1]; with 0 the weights are those of iteratively reweighted least squares,
     which majorise F. Fills `operator` = (data, a, b, d), [N] each: the spatial term's matrix at a pixel is
     ((a, b), (b, d)). It is positive semidefinite while |q| <= 1, and the data weight is not negative while |u| <= 1.
+    Differences are taken in float64, what follows in the operator's precision.
     """
-    delta, lambda1, _, eps = params
     qx, qy, u = duals
     data, a, b, d = operator
+    kind = data.dtype.type
+    one, half, trust = kind(1), kind(0.5), kind(trust)
+    delta, lambda1, eps2 = kind(params[0]), kind(params[1]), kind(params[3] * params[3])
     for t in range(first, last):
         for p in pixels_of(t, geo):
-            r = x[p] - np.float64(observed[p])
-            weight = 1.0 if abs(r) <= delta else delta * (1.0 - trust * u[p] * math.copysign(1.0, r)) / abs(r)
+            r = kind(x[p] - np.float64(observed[p]))
+            size = abs(r)
+            weight = one if size <= delta else delta * (one - trust * math.copysign(u[p], u[p] * r)) / size
             data[p] = confidence[p] * weight
-            dx, dy = differences(p, x, geo)
-            inverse = 1.0 / math.sqrt(dx * dx + dy * dy + eps * eps)
+            right, below = differences(p, x, geo)
+            dx, dy = kind(right), kind(below)
+            inverse = one / math.sqrt(dx * dx + dy * dy + eps2)
             scale, dx, dy = lambda1 * inverse, trust * dx * inverse, trust * dy * inverse
-            a[p] = scale * (1.0 - qx[p] * dx)
-            d[p] = scale * (1.0 - qy[p] * dy)
-            b[p] = -0.5 * scale * (qx[p] * dy + qy[p] * dx)
+            a[p] = scale * (one - qx[p] * dx)
+            d[p] = scale * (one - qy[p] * dy)
+            b[p] = -half * scale * (qx[p] * dy + qy[p] * dx)
 
 
 @njit(cache=True, nogil=True)
 def update_duals(first, last, x, z, qx, qy, u, geo, observed, params):
     """Newton's step of the duals for the step z of x, put back into the unit ball; x is the value before the step."""
-    delta, _, _, eps = params
+    kind = z.dtype.type
+    one, delta, eps2 = kind(1), kind(params[0]), kind(params[3] * params[3])
+    # The margin keeps |q| <= 1 after rounding to float32, as the certificate needs.
+    margin = kind(1.0 + 5e-7)
     for t in range(first, last):
         for p in pixels_of(t, geo):
-            r, step = x[p] - np.float64(observed[p]), np.float64(z[p])
-            sign = math.copysign(1.0, r)
-            new_u = (r + step) / delta if abs(r) <= delta else sign + step * (1.0 - u[p] * sign) / abs(r)
-            u[p] = min(1.0, max(-1.0, new_u))
-            dx, dy = differences(p, x, geo)
+            r, step = kind(x[p] - np.float64(observed[p])), z[p]
+            sign = math.copysign(one, r)
+            new_u = (r + step) / delta if abs(r) <= delta else sign + step * (one - u[p] * sign) / abs(r)
+            u[p] = min(one, max(-one, new_u))
+            right, below = differences(p, x, geo)
             zx, zy = differences(p, z, geo)
-            inverse = 1.0 / math.sqrt(dx * dx + dy * dy + eps * eps)
+            dx, dy = kind(right), kind(below)
+            inverse = one / math.sqrt(dx * dx + dy * dy + eps2)
             along = (dx * zx + dy * zy) * inverse * inverse
             new_x, new_y = (dx + zx) * inverse - qx[p] * along, (dy + zy) * inverse - qy[p] * along
-            # The margin keeps |q| <= 1 after rounding to float32, as the certificate needs.
-            size = max(1.0, math.sqrt(new_x * new_x + new_y * new_y) * (1.0 + 1e-7))
-            qx[p], qy[p] = new_x / size, new_y / size
+            size = max(one, math.sqrt(new_x * new_x + new_y * new_y) * margin)
+            shrink = one / size
+            qx[p], qy[p] = new_x * shrink, new_y * shrink
 
 
 @njit(cache=True)

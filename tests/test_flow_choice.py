@@ -23,11 +23,10 @@ SPEED = 0.03 * 1.6 * 40 / 2.5
 
 
 def flow_of(path: Path) -> tuple[np.ndarray, float]:
-    """Stored flow of the first frame and its mean validity inside the matte."""
+    """Stored flow of the first frame and the share of the frame where it is valid."""
     session = run_here(path, until="flow")
     store = FrameStore(session.output.store)
-    validity = store.read("validity", 0)[0]
-    return store.read("flow", 0), float(validity[validity > 0].mean()) if np.any(validity > 0) else 0.0
+    return store.read("flow", 0), float(store.read("validity", 0)[0].mean())
 
 
 def precomputed(folder: Path, sign: float) -> Path:
@@ -42,7 +41,7 @@ def test_a_precomputed_flow_points_to_the_next_frame_x_right(tmp_path: Path) -> 
     flow, trusted = flow_of(precomputed(tmp_path / "right", 1.0))
     np.testing.assert_allclose(flow[0], SPEED, rtol=1e-6)
     assert not flow[1].any()
-    assert trusted > flow_of(precomputed(tmp_path / "turned", -1.0))[1] + 0.1
+    assert trusted > 1.2 * flow_of(precomputed(tmp_path / "turned", -1.0))[1]
 
 
 def test_a_learned_flow_takes_its_weights_from_the_job(tmp_path: Path) -> None:

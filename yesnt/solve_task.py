@@ -17,6 +17,7 @@ from yesnt.blocks import Block
 from yesnt.errors import JobError
 from yesnt.temporal import BlockLists, solve_lists
 from yesnt.temporal.geometry import PackedMasks, build_geometry
+from yesnt.temporal.outliers import BRIDGE
 from yesnt.workspace import Workspace
 
 Float32 = NDArray[np.float32]
@@ -219,6 +220,7 @@ class Links:
         self._space, self._window = space, window
         self._limit = space.node.arguments["reach"] or np.inf
         self._index, self._pair = -1, (np.zeros(0, np.float32), np.zeros(0, np.float32))
+        self._bridged = {frame for frame in window.frames if _inconsistent(space, frame)}
         self.cut = 0
 
     def pair(self, index: int) -> tuple[Float32, Float32]:
@@ -238,7 +240,15 @@ class Links:
         long = (np.abs(flow[..., 1]) > self._limit - 1) & (validity > 0) & window.matte[index]
         self.cut += int(long.sum())
         validity[long] = 0
+        if frame in self._bridged or window.frames[index + 1] in self._bridged:
+            validity *= BRIDGE
         return flow, validity
+
+
+def _inconsistent(space: Workspace, frame: int) -> bool:
+    """Whether a frame lost its say as a whole (trust_task.py)."""
+    record = space.book.find("trust", frame)
+    return record is not None and frame in record.facts.get("inconsistent", [])
 
 
 @dataclass(frozen=True)

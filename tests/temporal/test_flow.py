@@ -116,6 +116,15 @@ def test_a_flow_from_elsewhere_is_trusted_where_its_sign_is_right():
     np.testing.assert_array_equal(flow_validity(true, -true, *frames, *mattes, FlowSettings()), good)
 
 
+def test_validity_is_cut_unless_it_is_asked_to_be_soft():
+    frames, mattes = moving_disc()
+    flow = np.full((96, 120, 2), 1.0, np.float32)
+    soft = flow_validity(flow, None, *frames, *mattes, FlowSettings(cut=0.0))
+    hard = flow_validity(flow, None, *frames, *mattes, FlowSettings())
+    assert len(np.unique(soft)) > 100
+    np.testing.assert_array_equal(hard, soft >= 0.5)
+
+
 def spynet_state(push, prefix="spynet."):
     """Weights of 0: each level only adds `push` pixels to the right."""
     import torch

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from yesnt.temporal import OUTLIER_HALO, consistent_members, robust_confidence, solve
+from yesnt.temporal import OUTLIER_HALO, bridged_links, consistent_members, robust_confidence, solve
 
 
 @pytest.fixture(scope="module")
@@ -100,3 +100,26 @@ def test_two_members_cannot_outvote_one_another():
     kept, _ = consistent_members(np.stack([np.zeros((4, 4)), np.ones((4, 4))]), np.ones((4, 4), bool))
     assert kept.all()
     assert consistent_members(np.zeros((3, 4, 4)), np.zeros((4, 4), bool))[0].all()
+
+
+def test_links_around_an_inconsistent_frame_count_twice_and_others_once(sequence):
+    links = bridged_links(sequence.validity, (0, 4, 5, 29))
+    doubled = [t for t in range(29) if (links[t] == 2 * sequence.validity[t]).all()]
+    assert doubled == [0, 3, 4, 5, 28]
+    kept = np.setdiff1d(np.arange(29), doubled)
+    np.testing.assert_array_equal(links[kept], sequence.validity[kept])
+
+
+def test_bridges_couple_what_lies_beside_a_silent_frame_like_neighbours(sequence):
+    """Without noise in space or data at the silent frame, two doubled links in series are one link of full weight."""
+    from yesnt.temporal import EnergyParams
+
+    params = EnergyParams(delta=10.0, lambda1=0.0, lambda2=1.0)
+    observed = np.zeros((3, 4, 5), np.float32)
+    observed[2] = 1
+    confidence, still = np.ones_like(observed), np.zeros((2, 4, 5, 2), np.float32)
+    confidence[1] = 0
+    links = bridged_links(np.ones((2, 4, 5)), (1,))
+    bridged = solve(observed, confidence, still, links, params, tolerance=1e-8).value[[0, 2]]
+    direct = solve(observed[[0, 2]], confidence[[0, 2]], still[:1], links[:1] / 2, params, tolerance=1e-8).value
+    np.testing.assert_allclose(bridged, direct, atol=1e-4)

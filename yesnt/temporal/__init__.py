@@ -19,6 +19,7 @@ from yesnt.temporal.outliers import (
     OUTLIER_HALO,
     OutlierReport,
     OutlierSettings,
+    bridged_links,
     consistent_members,
     robust_confidence,
 )
@@ -38,6 +39,7 @@ __all__ = [
     "band_rows",
     "block_bytes",
     "border_mask",
+    "bridged_links",
     "consistent_members",
     "energy",
     "flow_and_validity",

@@ -37,12 +37,14 @@ class FlowSettings:
         absolute: plus this much, pixels^2. method.md's own pair is (0.01, 0.5): it rejects much good flow.
         photometric: sRGB difference at which validity falls to 1/e; infinite: colour is not compared and validity is
             0 or 1.
+        cut: validity from which a link counts in full, and below which not at all; 0: the weight stays soft.
     """
 
     method: FlowMethod = "dis-quality"
     relative: float = 0.05
     absolute: float = 2.0
     photometric: float = 0.05
+    cut: float = 0.5
 
 
 def flow_and_validity(
@@ -106,7 +108,9 @@ def flow_validity(
         settings: thresholds.
     """
     weight = photometric_weight(forward, rgb_t, rgb_t1, mask_t, mask_t1, settings.photometric)
-    return weight if backward is None else weight * consistency(forward, backward, mask_t, mask_t1, settings)
+    if backward is not None:
+        weight = weight * consistency(forward, backward, mask_t, mask_t1, settings)
+    return weight if settings.cut == 0 else (weight >= settings.cut).astype(np.float32)
 
 
 def encode_grey(rgb: Single, mask: Mask) -> NDArray[np.uint8]:

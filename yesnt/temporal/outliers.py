@@ -28,6 +28,10 @@ WINDOW = 4
 MEDIAN_OF_MEAN = 0.845
 """Median over mean of the absolute value of a normal variable."""
 
+BRIDGE = 2.0
+"""Weight of the links into and out of an inconsistent frame: it has no say of its own, and two links in series that are
+twice as stiff couple the frames beside it as closely as neighbours are coupled."""
+
 OUTLIER_HALO = REACH + WINDOW
 """Halo with which a block gives the same confidence as the whole sequence."""
 
@@ -114,6 +118,14 @@ def robust_confidence(
     frames = tuple(t for t, r in enumerate(ratio) if r > settings.limit)
     result = inputs.confidence * np.stack([trust.weight for trust in found], axis=1)
     return result.reshape(np.shape(observed)), OutlierReport(ratio, tuple(t.distrusted for t in found), frames)
+
+
+def bridged_links(validity: Any, frames: tuple[int, ...]) -> Single:
+    """Validity [T-1, H, W] with `BRIDGE` times the weight around inconsistent frames (`OutlierReport.frames`)."""
+    links = np.array(validity, np.float32)
+    around = sorted({t for frame in frames for t in (frame - 1, frame) if 0 <= t < len(links)})
+    links[around] *= BRIDGE
+    return links
 
 
 def frame_trust(

@@ -78,13 +78,13 @@ def main():
     parser.add_argument("--work", type=Path, default=Path("temporal-sweep"))
     options = parser.parse_args()
     started = time.perf_counter()
-    print("consistency, colour; [predicted, noise][roughness, metallic][RMSE, difference]")
+    print("held-out shots choose nothing. consistency, colour; [predicted, noise][roughness, metallic][RMSE, difference]")
     shots = [Shot(path, options.work) for path in options.shots]
     means = {settings: measure(shots, settings) for settings in rules()}
     chosen = min(means, key=means.get)
-    print("chosen", chosen, "\nheld out, chosen, default, and the default soft:")
+    print("chosen", chosen, "\nheld out, chosen, default, and the default cut at one half:")
     held = [Shot(path, options.work) for path in options.held_out]
-    for settings in (chosen, FlowSettings(), replace(FlowSettings(), cut=0.0)) if held else ():
+    for settings in (chosen, FlowSettings(), replace(FlowSettings(), cut=0.5)) if held else ():
         measure(held, settings)
     print(f"{time.perf_counter() - started:.0f} s")
 

@@ -116,11 +116,11 @@ def test_a_flow_from_elsewhere_is_trusted_where_its_sign_is_right():
     np.testing.assert_array_equal(flow_validity(true, -true, *frames, *mattes, FlowSettings()), good)
 
 
-def test_validity_is_cut_unless_it_is_asked_to_be_soft():
+def test_validity_is_soft_unless_it_is_asked_to_be_cut():
     frames, mattes = moving_disc()
     flow = np.full((96, 120, 2), 1.0, np.float32)
-    soft = flow_validity(flow, None, *frames, *mattes, FlowSettings(cut=0.0))
-    hard = flow_validity(flow, None, *frames, *mattes, FlowSettings())
+    soft = flow_validity(flow, None, *frames, *mattes, FlowSettings())
+    hard = flow_validity(flow, None, *frames, *mattes, FlowSettings(cut=0.5))
     assert len(np.unique(soft)) > 100
     np.testing.assert_array_equal(hard, soft >= 0.5)
 

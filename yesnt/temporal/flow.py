@@ -43,8 +43,8 @@ class FlowSettings:
     method: FlowMethod = "dis-quality"
     relative: float = 0.05
     absolute: float = 2.0
-    photometric: float = 0.05
-    cut: float = 0.5
+    photometric: float = 0.03
+    cut: float = 0.0
 
 
 def flow_and_validity(

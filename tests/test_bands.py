@@ -109,6 +109,27 @@ def test_chunks_in_bands_equal_the_whole_solve_around_a_weak_patch(
     assert inside <= 1e-4
 
 
+def test_chunks_in_bands_equal_the_whole_solve_around_an_inconsistent_frame(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The frame has no say, no spatial term where it is linked, and its links count twice: in every window alike."""
+    from yesnt import solve_task, trust_task
+
+    trusted = trust_task._ensemble_confidence
+
+    def silenced(space, frame):
+        return trusted(space, frame) * np.float32(frame != 1002)
+
+    monkeypatch.setattr(solve_task, "_inconsistent", lambda space, frame: frame == 1002)
+    monkeypatch.setattr(trust_task, "_ensemble_confidence", silenced)
+    whole, cut = Session(write(tmp_path / "whole")), Session(write(tmp_path / "cut", chunk=2, memory=NARROW))
+    run_here(whole)
+    run_here(cut)
+    assert len(cut.chunks.bands) >= 3
+    inside, _ = differences(cut, whole)
+    assert inside <= 1e-4
+
+
 def test_the_same_bits_on_two_workers_and_in_any_order(banded: Session, tmp_path: Path) -> None:
     other = Session(write(tmp_path / "two", memory=NARROW))
     with open_cluster(ClusterSpec("local", 2)) as client:

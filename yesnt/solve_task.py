@@ -16,7 +16,7 @@ from yesnt import settings as of
 from yesnt.blocks import Block
 from yesnt.errors import JobError
 from yesnt.temporal import BlockLists, solve_lists
-from yesnt.temporal.geometry import PackedMasks, build_geometry
+from yesnt.temporal.geometry import Geometry, PackedMasks, build_geometry, loosen_frame
 from yesnt.temporal.outliers import BRIDGE
 from yesnt.workspace import Workspace
 
@@ -137,11 +137,20 @@ def solve_window(space: Workspace, window: Window, start: Float32 | None) -> tup
     confidence = listed(window, lambda frame: space.read("trust", "confidence", frame))
     links = Links(space, window)
     geometry = build_geometry(window.matte, Part(links, 0), Part(links, 1), window.fixed)
+    _loosen(geometry, space, window)
     lists = BlockLists(geometry, data, confidence, data if start is None else start)
     with space.kernel():
         value, stats = solve_lists(lists, params, SETTLED * temporal.tolerance, temporal.method)
     facts = {"iterations": stats.iterations, "gap": stats.gap, "pixels": stats.pixels, "rows": window.matte.shape[1]}
     return value, facts | ({"cut_links": links.cut} if links.cut else {})
+
+
+def _loosen(geometry: Geometry, space: Workspace, window: Window) -> None:
+    """Takes the spatial term from inconsistent frames, by their validity: the same pixels in every window."""
+    links = Links(space, window)
+    for t, frame in enumerate(window.frames[:-1]):
+        if frame in links.silent:
+            loosen_frame(geometry, t, links.pair(t)[1][window.matte[t]] > 0)
 
 
 def listed(window: Window, read: Callable[[int], Float32]) -> Float32:
@@ -220,7 +229,7 @@ class Links:
         self._space, self._window = space, window
         self._limit = space.node.arguments["reach"] or np.inf
         self._index, self._pair = -1, (np.zeros(0, np.float32), np.zeros(0, np.float32))
-        self._bridged = {frame for frame in window.frames if _inconsistent(space, frame)}
+        self.silent = {frame for frame in window.frames if _inconsistent(space, frame)}
         self.cut = 0
 
     def pair(self, index: int) -> tuple[Float32, Float32]:
@@ -240,7 +249,7 @@ class Links:
         long = (np.abs(flow[..., 1]) > self._limit - 1) & (validity > 0) & window.matte[index]
         self.cut += int(long.sum())
         validity[long] = 0
-        if frame in self._bridged or window.frames[index + 1] in self._bridged:
+        if frame in self.silent or window.frames[index + 1] in self.silent:
             validity *= BRIDGE
         return flow, validity
 

@@ -32,7 +32,7 @@ def solved(plates, matte, mean, std):
     flow, validity = (np.stack(parts) for parts in zip(*pairs, strict=True))
     weight, report = robust_confidence(mean, confidence(std), flow, validity, matte)
     links = bridged_links(validity, report.frames)
-    return solve(mean, weight, flow, links, EnergyParams(), matte, tolerance=1e-4).value
+    return solve(mean, weight, flow, links, EnergyParams(), matte, silent=report.frames).value
 
 
 def psnr(rmse):

@@ -65,7 +65,9 @@ def measure(shots, settings):
     """Prints one rule's line; returns its mean ratio."""
     found = np.array([shot.ratios(settings) for shot in shots])
     consistency = next(k for k, v in CONSISTENCY.items() if v == (settings.relative, settings.absolute))
-    cells = [f"{shot.name} {ratio.astype(np.float64).round(3).tolist()}" for shot, ratio in zip(shots, found, strict=True)]
+    cells = [
+        f"{shot.name} {ratio.astype(np.float64).round(3).tolist()}" for shot, ratio in zip(shots, found, strict=True)
+    ]
     how = "cut " if settings.cut else "soft"
     print(f"{consistency:>9s}  {settings.photometric:.2f}  {how} mean {found.mean():.4f}  ", *cells, flush=True)
     return found.mean()
@@ -78,7 +80,9 @@ def main():
     parser.add_argument("--work", type=Path, default=Path("temporal-sweep"))
     options = parser.parse_args()
     started = time.perf_counter()
-    print("held-out shots choose nothing. consistency, colour; [predicted, noise][roughness, metallic][RMSE, difference]")
+    print(
+        "held-out shots choose nothing. consistency, colour; [predicted, noise][roughness, metallic][RMSE, difference]"
+    )
     shots = [Shot(path, options.work) for path in options.shots]
     means = {settings: measure(shots, settings) for settings in rules()}
     chosen = min(means, key=means.get)

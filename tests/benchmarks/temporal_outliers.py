@@ -5,18 +5,20 @@
 A SHOT holds plate.####.exr and truth/material.####.exr. Inputs are the embedded model's predictions (kept in --work)
 and an ensemble's noise on the true materials; a tenth of the frames is replaced by an offset, the inverse, noise, or a
 shifted picture of themselves. Columns, in per cent, roughness and metallic: left as they are (plain); weighed by
-`robust_confidence` (robust); their data term taken out by hand (told); with links of doubled weight around what is
-distrusted, as if the neighbours' warps were composed (bridged: robust, and told).
+`robust_confidence` (robust); also with `bridged_links` and without the spatial term in these frames (silent), as a job
+does; their data taken out by hand (told); and, as an oracle, the sequence without these frames and a flow measured from
+the frame before to the frame after (left out).
 """
 
 import argparse
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from temporal_shots import ensemble, load, predicted
 
 from yesnt.decompose.confidence import confidence
-from yesnt.temporal import EnergyParams, FlowSettings, flow_and_validity, robust_confidence, solve
+from yesnt.temporal import EnergyParams, FlowSettings, bridged_links, flow_and_validity, robust_confidence, solve
 
 KINDS = ("offset", "inverted", "noise", "shifted")
 PARAMS = EnergyParams()
@@ -36,12 +38,14 @@ def corrupt(mean, kind, frames):
     return broken
 
 
-def bridged(validity, frames):
-    """Links of doubled weight into and out of these frames: in series they are as stiff as one."""
-    links = validity.copy()
-    for t in frames:
-        links[max(0, t - 1) : t + 1] = 2 * validity[max(0, t - 1) : t + 1]
-    return links
+class Links:
+    """Flow and validity from frame to frame of some of a shot's frames."""
+
+    def __init__(self, plates, matte, frames):
+        pairs = [
+            flow_and_validity(plates[t], plates[u], matte[t], matte[u], FlowSettings()) for t, u in pairwise(frames)
+        ]
+        self.flow, self.validity = (np.stack(parts) for parts in zip(*pairs, strict=True))
 
 
 def main():
@@ -51,39 +55,44 @@ def main():
     options = parser.parse_args()
     for folder in options.shots:
         plates, matte, truth = load(folder)
-        pairs = [
-            flow_and_validity(plates[t], plates[t + 1], matte[t], matte[t + 1], FlowSettings())
-            for t in range(len(plates) - 1)
-        ]
-        flow, validity = (np.stack(parts) for parts in zip(*pairs, strict=True))
+        links = Links(plates, matte, range(len(plates)))
+        flow, validity = links.flow, links.validity
         count = max(1, round(len(plates) / 10))
         frames = [(2 * k + 1) * len(plates) // (2 * count) for k in range(count)]
         clean = np.setdiff1d(np.arange(len(plates)), frames)
-        inside = matte[clean]
+        short = Links(plates, matte, clean)
 
-        def error(mean, weight, links):
-            value = solve(mean, weight, flow, links, PARAMS, matte, tolerance=1e-4).value  # noqa: B023
-            return np.array([np.sqrt(np.mean((v - t)[clean][inside] ** 2)) for v, t in zip(value, truth, strict=True)])  # noqa: B023
+        def error(value):
+            pairs = zip(value, truth[:, clean], strict=True)  # noqa: B023
+            return np.array([np.sqrt(np.mean((v - t)[matte[clean]] ** 2)) for v, t in pairs])  # noqa: B023
+
+        def whole(mean, weight, links, silent=()):
+            found = solve(mean, weight, flow, links, PARAMS, matte, silent=silent).value  # noqa: B023
+            return error(found[:, clean])  # noqa: B023
 
         given = {"predicted": predicted(folder, options.work)}
         given |= {f"noise {strength}": ensemble(truth, strength, 2) for strength in (0.05, 0.02)}
         for source, (mean, std) in given.items():
             weight = confidence(std)
             usual, _ = robust_confidence(mean, weight, flow, validity, matte)
-            base = error(mean, usual, validity)
+            base = whole(mean, usual, validity)
+            told = usual.copy()
+            told[:, frames] = 0
+            without = solve(mean[:, clean], usual[:, clean], short.flow, short.validity, PARAMS, matte[clean]).value
             for kind in KINDS:
                 broken = corrupt(mean, kind, frames)
                 robust, report = robust_confidence(broken, weight, flow, validity, matte)
-                told = usual.copy()
-                told[:, frames] = 0
+                bridged = bridged_links(validity, report.frames)
                 found = {
-                    "plain": error(broken, weight, validity),
-                    "robust": error(broken, robust, validity),
-                    "told": error(broken, told, validity),
-                    "robust, bridged": error(broken, robust, bridged(validity, report.frames)),
-                    "told, bridged": error(broken, told, bridged(validity, frames)),
+                    "plain": whole(broken, weight, validity),
+                    "robust": whole(broken, robust, validity),
+                    "robust, silent": whole(broken, robust, bridged, report.frames),
+                    "told": whole(broken, told, validity),
+                    "left out": error(without),
                 }
-                cells = "  ".join(f"{name} {(100 * (v / base - 1)).round(1).tolist()}" for name, v in found.items())
+                cells = "  ".join(
+                    f"{name} {(100 * (v / base - 1)).astype(float).round(1).tolist()}" for name, v in found.items()
+                )
                 named = "named" if list(report.frames) == frames else report.frames
                 print(folder.name, source, kind, named, cells, flush=True)
 

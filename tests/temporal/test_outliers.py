@@ -123,3 +123,15 @@ def test_bridges_couple_what_lies_beside_a_silent_frame_like_neighbours(sequence
     bridged = solve(observed, confidence, still, links, params, tolerance=1e-8).value[[0, 2]]
     direct = solve(observed[[0, 2]], confidence[[0, 2]], still[:1], links[:1] / 2, params, tolerance=1e-8).value
     np.testing.assert_allclose(bridged, direct, atol=1e-4)
+
+
+def test_a_silent_frame_has_no_spatial_term_where_links_hold_it(sequence):
+    """Without data the total variation would flatten it, and it would pull at its neighbours."""
+    silent = sequence.confidence.copy()
+    silent[list(CORRUPTED)] = 0
+    arguments = sequence.changed(confidence=silent).arguments
+    base = clean_error(sequence, solve(*sequence.arguments).value)
+    flattened = clean_error(sequence, solve(*arguments).value)
+    held = clean_error(sequence, solve(*arguments, silent=CORRUPTED).value)
+    assert held < flattened
+    assert held < 1.02 * base

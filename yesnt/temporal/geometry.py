@@ -110,6 +110,15 @@ def build_geometry(
     return geometry
 
 
+def loosen_frame(geometry: Geometry, t: int, linked: NDArray[np.bool_]) -> None:
+    """Takes the spatial neighbours from the `linked` pixels [n] of frame t, which has no say of its own.
+
+    Where a frame's data weigh nothing, nothing holds against the total variation: it would flatten the frame, which
+    would then pull at its neighbours. Pixels without a link keep it, since nothing else fills them in.
+    """
+    geometry.flags[int(geometry.frames[t]) : int(geometry.frames[t + 1])][linked] &= FIXED
+
+
 def _frame_index(matte: NDArray[np.bool_], first: int) -> NDArray[np.int32]:
     """[H, W] compact index of each matte pixel, -1 elsewhere."""
     index = np.full(matte.shape, -1, np.int32)

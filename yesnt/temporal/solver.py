@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from yesnt.errors import JobError
 from yesnt.temporal.adam import solve_adam
-from yesnt.temporal.geometry import Geometry, build_geometry
+from yesnt.temporal.geometry import Geometry, build_geometry, loosen_frame
 from yesnt.temporal.newton import Array, Limits, NewtonSolver, Problem, State, solve_newton
 from yesnt.temporal.params import EnergyParams, Solution, SolveStats
 
@@ -75,6 +75,7 @@ def solve(
     matte: Any = None,
     tolerance: float = 1e-4,
     method: Method = "default",
+    silent: tuple[int, ...] = (),
 ) -> Solution:
     """Minimises F; arguments as in `energy`.
 
@@ -89,6 +90,7 @@ def solve(
         matte: [T, H, W] or None.
         tolerance: the solver stops once (F - F*) / F* is proven to be at most this.
         method: "default", or "adam" for the paper's.
+        silent: frames without data of their own (`OutlierReport.frames`): F has no spatial term on their linked pixels.
 
     Returns:
         The minimiser, float32, like `observed`, and what the solver did.
@@ -101,6 +103,9 @@ def solve(
         raise JobError(f"unknown solver {method!r}", "method", f"one of {', '.join(METHODS)}", "choose one of these")
     run, outer = METHODS[method]
     inputs = check_inputs(observed, confidence, flow, validity, matte)
+    for t in silent:
+        part = slice(int(inputs.geometry.frames[t]), int(inputs.geometry.frames[t + 1]))
+        loosen_frame(inputs.geometry, t, inputs.geometry.link[part] > 0)
     limits = Limits(tolerance=tolerance, outer=outer)
     value, states = inputs.observed.copy(), []
     for channel in range(len(value)):

@@ -17,6 +17,7 @@ import argparse
 import hashlib
 import itertools
 import json
+import time
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,7 @@ from yesnt.decompose.confidence import DIVISOR as DIVISOR_USED
 from yesnt.decompose.confidence import confidence
 from yesnt.temporal import EnergyParams, FlowSettings, flow_and_validity, robust_confidence, solve
 
-LAMBDA1, LAMBDA2, DELTA = (0.005, 0.015, 0.03, 0.04), (1.0, 2.0, 4.0), (0.1,)
+LAMBDA1, LAMBDA2, DELTA = (0.015, 0.03, 0.04, 0.06), (1.0, 2.0, 4.0), (0.1,)
 DIVISOR = (0.5, 1.0, 1.5)
 NAMES = ("lambda1", "lambda2", "delta", "divisor")
 NOISE = 0.05
@@ -132,6 +133,7 @@ def main():
     parser.add_argument("--work", type=Path, default=Path("temporal-sweep"))
     parser.add_argument("--out", type=Path, default=Path())
     options = parser.parse_args()
+    started = time.perf_counter()
     rows = sweep(
         [Shot(path, options.work) for path in options.shots], itertools.product(LAMBDA1, LAMBDA2, DELTA, DIVISOR)
     )
@@ -146,6 +148,7 @@ def main():
     ]
     (options.out / "temporal-sweep.json").write_text("[\n" + ",\n".join(lines) + "\n]\n")
     (options.out / "temporal-sweep.svg").write_text(plot(rows, chosen) + "\n")
+    print(f"{time.perf_counter() - started:.0f} s")
 
 
 if __name__ == "__main__":

@@ -85,7 +85,8 @@ FREE, WHOLE = "+ Cycles' energy terms", "+ edges resolved = standard"
 
 
 def main(folder, frames, rungs):
-    maps = sorted(p.name.removeprefix("relit_").split(".")[0] for p in (folder / "truth").glob(f"relit_*.{frames[0]}.exr"))
+    found = (folder / "truth").glob(f"relit_*.{frames[0]}.exr")
+    maps = sorted(path.name.removeprefix("relit_").split(".")[0] for path in found)
     envs = {n: EnvMap.open(folder / "env" / f"{n}.exr") for n in [*maps, "capture"]}
     scores = {name: np.zeros((len(frames), len(maps))) for name in ["unlit plate", *rungs]}
     seconds = dict.fromkeys(scores, 0.0)

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -13,8 +15,8 @@ from yesnt.training.losses import energy_score, reading_loss
 from yesnt.training.trainer import Trainer, TrainingSettings, train
 
 TINY = NetworkShape(widths=(8, 8, 16), depths=(1, 1, 1), condition=8, denoiser=(8, 8))
-SHORT = "--reading 1 --drawing 1 --people 0 --things 0".split()
-SETTINGS = TrainingSettings(reading=2, drawing=2, batch=2, people=0, things=0, patch=32)
+SHORT = "--reading 1 --drawing 1 --settling 1 --people 0 --things 0".split()
+SETTINGS = TrainingSettings(reading=2, drawing=1, settling=1, batch=2, people=0, things=0, patch=32)
 
 
 def whole(rows, order=None):
@@ -96,10 +98,23 @@ def test_training_resumed_is_training_uninterrupted(tmp_path):
 
 @pytest.mark.parametrize("reading", [0, 60])
 def test_training_lowers_the_loss_in_both_parts(tmp_path, reading):
-    settings = TrainingSettings(reading=reading, drawing=120, batch=2, people=0, things=0, patch=32, rate=5e-3)
+    settings = TrainingSettings(
+        reading=reading, drawing=120, settling=0, batch=2, people=0, things=0, patch=32, rate=5e-3
+    )
     trainer = Trainer(settings, TINY, tmp_path)
     losses = [trainer.advance() for _ in range(30)]
     assert np.mean(losses[-8:]) < 0.85 * np.mean(losses[:4])
+
+
+def test_what_is_shown_last_is_more_like_the_world(tmp_path):
+    settings = replace(SETTINGS, reading=1, drawing=1, settling=1)
+    trainer = Trainer(settings, TINY, tmp_path)
+    bold = [trainer._variety.habits.bold]
+    for _ in range(2):
+        trainer.advance()
+        bold.append(trainer._variety.habits.bold)
+    assert bold[0] == bold[1] > bold[2] > 0
+    assert trainer._rates()[0] == trainer._rates()[1] > 0
 
 
 def test_reading_leaves_the_denoiser_alone(tmp_path):

@@ -26,8 +26,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     torch.set_num_threads(options.threads)
     options.folder.mkdir(parents=True, exist_ok=True)
     settings = TrainingSettings(
-        seed=options.seed, reading=options.reading, drawing=options.drawing, people=options.people,
-        things=options.things,
+        seed=options.seed, reading=options.reading, drawing=options.drawing, settling=options.settling,
+        people=options.people, things=options.things,
     )  # fmt: skip
     if options.only != "weights" and settings.people:
         _make_people(options.folder, settings)
@@ -45,6 +45,7 @@ def _parser() -> argparse.ArgumentParser:
         "--reading", type=int, default=TrainingSettings.reading, help="steps of learning what to expect"
     )
     parser.add_argument("--drawing", type=int, default=TrainingSettings.drawing, help="steps of learning to draw")
+    parser.add_argument("--settling", type=int, default=TrainingSettings.settling, help="steps of the world as it is")
     parser.add_argument("--people", type=int, default=TrainingSettings.people, help="0: none, without `anny`")
     parser.add_argument("--things", type=int, default=TrainingSettings.things, help="single things; 0: none")
     parser.add_argument("--seed", type=int, default=0)

@@ -33,7 +33,13 @@ _PATIENCE = 900.0
 
 
 _VARIETY = Variety(Habits(bold=0.35, toned=0.3, painted=0.4), turned=0.4, disguised=0.4)
-"""Pictures that punish going by colour."""
+"""Pictures that punish going by colour, so that shapes are learnt."""
+
+_SETTLED = Variety(Habits(bold=0.1, toned=0.1, painted=0.1), turned=0.1, disguised=0.1)
+"""Pictures more like the world, in which a colour tells something too: what is learnt last is how much."""
+
+_WORN = (0.6, 0.2, 0.2)
+"""How often each wardrobe is shown while the network settles; before, each as often as any other."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +50,7 @@ class TrainingSettings:
         seed: of data, noise and first weights.
         reading: steps of the first part, in which the reader alone learns what to expect.
         drawing: steps of the second part, in which the denoiser learns to draw and the reader learns on slowly.
+        settling: steps of the last part: both learn on, from pictures more like the world.
         batch: patches per step.
         of_people: how many of them show people; the others show heaps of things.
         of_things: how many show a single thing from step `things_after` on, half of them in a person's place.
@@ -60,6 +67,7 @@ class TrainingSettings:
     seed: int = 0
     reading: int = 5000
     drawing: int = 700
+    settling: int = 600
     batch: int = 8
     of_people: int = 5
     of_things: int = 2
@@ -74,8 +82,8 @@ class TrainingSettings:
 
     @property
     def steps(self) -> int:
-        """Of both parts."""
-        return self.reading + self.drawing
+        """Of all parts."""
+        return self.reading + self.drawing + self.settling
 
 
 class Trainer:
@@ -153,7 +161,7 @@ class Trainer:
         rng = np.random.Generator(np.random.Philox(key=[s.seed, 1_000_000_000 + self.step]))
         crops = [self._of_a_person(rng) for _ in range(people)] + [self._of_a_thing(rng) for _ in range(things)]
         heaps = [
-            draw_patches(s.seed, 1_000_000 + self.step * s.batch + i, 1, s.patch, _VARIETY)
+            draw_patches(s.seed, 1_000_000 + self.step * s.batch + i, 1, s.patch, self._variety)
             for i in range(s.batch - len(crops))
         ]
         return Patches.join([*([Patches.stack(crops)] if crops else []), *heaps])
@@ -161,7 +169,7 @@ class Trainer:
     def _of_a_person(self, rng: np.random.Generator) -> Patches:
         """A crop of one of the people that a training at this step may count on."""
         s = self.settings
-        habits = WARDROBES[int(rng.integers(len(WARDROBES)))][1]  # each as often as any other
+        habits = WARDROBES[self._wardrobe(rng)][1]
         there = self._people[: s.first + self.step // s.every]
         people = [number for number in there if habits_of(number) == habits]
         path = person_path(self.folder, s.seed, people[int(rng.integers(len(people)))])
@@ -169,9 +177,9 @@ class Trainer:
         views = open_views(path)
         picture = views[int(rng.integers(len(views)))]
         shrink = _draw_shrink(rng)
-        if rng.random() < _VARIETY.disguised:
+        if rng.random() < self._variety.disguised:
             picture = disguise(rng, picture)
-        return crop(rng, picture, s.patch, shrink, _VARIETY.turned)
+        return crop(rng, picture, s.patch, shrink, self._variety.turned)
 
     def _of_a_thing(self, rng: np.random.Generator) -> Patches:
         """A crop of one of the single things."""
@@ -180,11 +188,27 @@ class Trainer:
         _await(path)
         views = open_views(path)
         picture = views[int(rng.integers(len(views)))]
-        return crop(rng, picture, s.patch, _draw_shrink(rng), _VARIETY.turned)
+        return crop(rng, picture, s.patch, _draw_shrink(rng), self._variety.turned)
+
+    @property
+    def _settled(self) -> bool:
+        return self.step >= self.settings.reading + self.settings.drawing
+
+    @property
+    def _variety(self) -> Variety:
+        return _SETTLED if self._settled else _VARIETY
+
+    def _wardrobe(self, rng: np.random.Generator) -> int:
+        if self._settled:
+            return int(rng.choice(len(WARDROBES), p=_WORN))
+        return int(rng.integers(len(WARDROBES)))
 
     def _rates(self) -> tuple[float, float]:
         """Learning rates of reader and denoiser."""
         s = self.settings
+        if self._settled:
+            rate = 0.4 * s.rate * _course(self.step - s.reading - s.drawing, s.settling)
+            return rate, rate
         if self.step < s.reading:
             return s.rate * _course(self.step, s.reading), 0.0
         rate = s.rate * _course(self.step - s.reading, s.drawing)

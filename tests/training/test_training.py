@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from yesnt.decompose import embedded
 from yesnt.decompose.context import CONTEXT_SIDE, ContextBatch
 from yesnt.decompose.embedded import EmbeddedBackend
 from yesnt.decompose.network import Network, NetworkShape, noised
@@ -12,6 +13,7 @@ from yesnt.errors import CorruptError, JobError
 from yesnt.training import trainer as training
 from yesnt.training.__main__ import main
 from yesnt.training.losses import energy_score, reading_loss
+from yesnt.training.synthetic.materials import CLASSES, PRIOR
 from yesnt.training.trainer import Trainer, TrainingSettings, train
 
 TINY = NetworkShape(widths=(8, 8, 16), depths=(1, 1, 1), condition=8, denoiser=(8, 8))
@@ -167,6 +169,28 @@ def test_a_row_does_not_depend_on_its_neighbours_or_on_threads(tiny_weights):
         torch.testing.assert_close(backend.sample(backend.encode(rgb, matte, whole(8)), noise), drawn, atol=0, rtol=0)
     finally:
         torch.set_num_threads(threads)
+
+
+def test_roughness_is_drawn_to_the_prior_and_its_draws_keep_their_spread(tiny_weights, monkeypatch):
+    backend = EmbeddedBackend(tiny_weights, steps=2)
+    condition = backend.encode(torch.rand(8, 3, 32, 32), torch.ones(8, 1, 32, 32), whole(8))
+    noise = torch.randn(8, len(backend.noise_sigmas), 32, 32)
+    drawn, expected = backend.sample(condition, noise), backend.expect(condition)
+    monkeypatch.setattr(embedded, "TRUST", 1.0)
+    free, read = backend.sample(condition, noise), backend.expect(condition)
+    assert torch.equal(drawn[:, 1], free[:, 1])
+    assert torch.equal(expected[:, 1], read[:, 1])
+    assert float(read[:, 0].std()) > 0
+    prior = embedded.PRIOR_ROUGHNESS
+    torch.testing.assert_close(expected[:, 0] - prior, 0.6 * (read[:, 0] - prior))
+    wanted = (free[:, 0] + expected[:, 0] - read[:, 0]).clamp(0, 1)
+    torch.testing.assert_close(drawn[:, 0], wanted)
+
+
+def test_the_prior_is_that_of_the_painted_classes():
+    total = sum(PRIOR.values())
+    mean = sum(weight * CLASSES[name].roughness[0] for name, weight in PRIOR.items()) / total
+    assert mean == pytest.approx(embedded.PRIOR_ROUGHNESS, abs=1e-3)
 
 
 def test_number_of_steps_is_part_of_the_version_and_of_the_noise(tiny_weights):

@@ -14,6 +14,16 @@ from yesnt.decompose.network import noised
 from yesnt.decompose.threads import one_thread
 from yesnt.decompose.weights import SHIPPED, SMOOTH_SIGMAS, file_digest, load_weights
 
+PRIOR_ROUGHNESS = 0.564
+"""Mean roughness of the painted classes by their frequency (`training/synthetic/materials.py`)."""
+
+TRUST = 0.6
+"""How far the expected roughness may leave the prior's mean, as a share of how far the reader would go.
+
+Real shots are another world than the training's pictures: there the reader goes too far. Chosen on the embedded shot
+(`tests/benchmarks/decompose_trust.py`); metal is told well enough to be left alone.
+"""
+
 
 class EmbeddedBackend:
     """Few-step sampler with the package's own weights.
@@ -49,7 +59,12 @@ class EmbeddedBackend:
     @one_thread()
     @torch.no_grad()
     def expect(self, condition: torch.Tensor) -> torch.Tensor:
-        """What the reader expects, which training makes the mean of all draws."""
+        """What the reader expects, which training makes the mean of all draws, roughness drawn to the prior."""
+        mean = self._read(condition)
+        return torch.cat([mean[:, :1] - _excess(mean), mean[:, 1:]], 1)
+
+    @staticmethod
+    def _read(condition: torch.Tensor) -> torch.Tensor:
         mean = functional.interpolate(condition[:, :2], scale_factor=2, mode="bilinear", align_corners=False)
         return 0.5 + 0.5 * mean.clamp(-1, 1)
 
@@ -62,4 +77,11 @@ class EmbeddedBackend:
             time = torch.full((len(noise),), 1 - i / steps, device=self._device)
             state = planes[:, :2] if i == 0 else noised(clean, planes[:, :2], time)
             clean = self._network.denoiser(state, planes[:, 2:], condition, time).clamp(-1, 1)
-        return 0.5 + 0.5 * clean
+        drawn = 0.5 + 0.5 * clean
+        roughness = (drawn[:, :1] - _excess(self._read(condition))).clamp(0, 1)  # draws keep their spread
+        return torch.cat([roughness, drawn[:, 1:]], 1)
+
+
+def _excess(mean: torch.Tensor) -> torch.Tensor:
+    """What is taken off the expected roughness [B, 1, P, P] of a mean [B, 2, P, P]."""
+    return (1 - TRUST) * (mean[:, :1] - PRIOR_ROUGHNESS)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import random
 import re
 import shutil
 import signal
@@ -10,7 +11,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -60,12 +61,23 @@ def test_scripts_are_sound_shell(script: Path) -> None:
     subprocess.run(["bash", "-n", script], check=True)
 
 
+def free_run(count: int) -> int:
+    """The first of `count` free ports in a row, below those that the kernel hands out to whoever connects meanwhile."""
+    for port in random.SystemRandom().sample(range(20000, 30000), 200):
+        with ExitStack() as probes:
+            try:
+                for number in range(port, port + count):
+                    probes.enter_context(socket.socket()).bind(("127.0.0.1", number))
+            except OSError:
+                continue
+            return port
+    raise AssertionError("no free ports")
+
+
 @contextmanager
 def started(tmp_path: Path, name: str, *arguments: str) -> Iterator[int]:
     """A deploy script under way; yields the scheduler's port."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_run(3)
     (tmp_path / "ssh").write_text(FAKE_SSH)
     (tmp_path / "ssh").chmod(0o755)
     environment = os.environ | {

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numba
 import numpy as np
 import pytest
@@ -126,3 +128,19 @@ def test_disney_diffuse_equals_the_float64_reference(roughness):
     cos_d = np.sqrt(np.clip(0.5 * (1 + px.view @ direction.T), 0, 1))
     truth = (disney_diffuse(facing, cos_o, cos_d, np.float64(roughness)) * facing) @ energy
     assert np.allclose(sums[:, IRRADIANCE], truth, rtol=1e-3)
+
+
+def test_light_from_straight_behind_what_is_seen_is_finite():
+    """There |l + v|^2 is 0 and may round to below it."""
+    light, rng = prepare_light(sky(32), 2048, 64), np.random.default_rng(3)
+    direction = light.texels.direction.T
+    view = -direction[rng.integers(0, len(direction), 20000)]
+    view = (view / np.linalg.norm(view, axis=1, keepdims=True)).astype(np.float32)
+    aside = np.cross(view, rng.normal(size=view.shape))
+    normal = 0.35 * view + aside / np.linalg.norm(aside, axis=1, keepdims=True)
+    normal = (normal / np.linalg.norm(normal, axis=1, keepdims=True)).astype(np.float32)
+    for metallic in (0.0, 1.0):
+        px = pixels(np.float32(0.67), np.float32(metallic), len(view))
+        sums = integrate(replace(px, normal=normal, view=view), light)
+        assert np.isfinite(sums).all()
+        assert (sums >= 0).all()

@@ -147,9 +147,9 @@ def _narrow(frame, view, a2, smith_o, lx, ly, lz, disc):  # type: ignore[no-unty
 def _broad(frame, view, a2, smith_o, lx, ly, lz, disc):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """As `_narrow` where `is_broad` says so: q = 2 + 2 v.l, |q_t|^2 = q - s^2, the mean to first order."""
     nl = max(frame[0] * lx + frame[1] * ly + frame[2] * lz, _ZERO)
-    q = view[0] * lx + view[1] * ly + view[2] * lz + _TWO
     s = nl + frame[9]
     s2 = s * s
+    q = max(view[0] * lx + view[1] * ly + view[2] * lz + _TWO, s2)  # opposite to the view it may round to below 0
     tangent, wide = q - s2, a2 * s2
     y = tangent + wide
     square = y * y + disc * s2 * (wide - _TWO * tangent)

@@ -10,6 +10,7 @@ import json
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent))
 from long_shot import write_long_shot
@@ -18,8 +19,8 @@ from yesnt.cluster import ClusterSpec
 from yesnt.session import RunOptions, Session
 
 
-def peak(folder: Path, frames: int) -> float:
-    """Largest resident memory that any worker reported, MB."""
+def peak(folder: Path, frames: int) -> tuple[float, str]:
+    """Largest resident memory that any worker reported, MB, and the tasks that raised it last."""
     # A short chunk gives both shots the same blocks: what is left is what length itself costs.
     job = write_long_shot(
         folder, frames, quality="draft", decompose={"backend": "embedded", "samples": 1}, temporal={"chunk": 4}
@@ -27,7 +28,20 @@ def peak(folder: Path, frames: int) -> float:
     session = Session(job)
     assert not session.run(RunOptions(cluster=ClusterSpec("local", 2))).missing
     events = [json.loads(line) for line in session.output.events.read_text().splitlines()]
-    return max(e["peak_bytes"] for e in events if e["event"] == "done") / 1e6
+    done = [e for e in events if e["event"] == "done"]
+    return max(e["peak_bytes"] for e in done) / 1e6, "; ".join(risen(done))
+
+
+def risen(done: list[dict[str, Any]]) -> list[str]:
+    """The last five tasks after which a worker's peak stood 10 MB higher than after its task before."""
+    seen: dict[int, int] = {}
+    lines = []
+    for e in done:
+        before = seen.get(e["pid"], 0)
+        if before and e["peak_bytes"] > before + 10e6:
+            lines.append(f"{e['stage']} {e['frames'][0]} {before / 1e6:.0f} -> {e['peak_bytes'] / 1e6:.0f} MB")
+        seen[e["pid"]] = max(before, e["peak_bytes"])
+    return lines[-5:]
 
 
 def main() -> None:
@@ -36,8 +50,9 @@ def main() -> None:
     lengths = parser.parse_args().frames
     with tempfile.TemporaryDirectory() as folder:
         peaks = [peak(Path(folder) / str(n), n) for n in lengths]
-    print(f"peak worker memory: {lengths[0]} frames {peaks[0]:.0f} MB, {lengths[1]} frames {peaks[1]:.0f} MB")
-    print(f"ratio {peaks[1] / peaks[0]:.3f} (asked: at most 1.10)")
+    for n, (megabytes, tasks) in zip(lengths, peaks, strict=True):
+        print(f"{n} frames: peak worker memory {megabytes:.0f} MB; last raised by {tasks}")
+    print(f"ratio {peaks[1][0] / peaks[0][0]:.3f} (asked: at most 1.10)")
 
 
 if __name__ == "__main__":

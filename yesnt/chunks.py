@@ -29,12 +29,12 @@ SHORTEST = 16
 """Frames below which a chunk is rather cut into bands of rows than made shorter; a half and a quarter of it are left
 for shots whose bands would still be too large."""
 
-RESIDENT = 400e6
-"""Bytes of a worker that has loaded what the solver needs."""
+RESIDENT = 500e6
+"""Bytes of a worker that has decomposed and relit frames and has given freed pages back."""
 
-DECOMPOSING, DECOMPOSING_PIXEL = 0.9e9, 300
-"""Bytes of a worker that decomposes a frame, and of each pixel of it (measured: 0.87 GB at 256x384). Where the job does
-not say, the solver takes no more: a long shot then needs no larger workers than a short one."""
+DECOMPOSING, DECOMPOSING_PIXEL, MOST = 0.65e9, 300, 2e9
+"""Bytes of a worker that decomposes a frame, and of each pixel of it (measured: 0.61 to 0.64 GB at 256x384), and the
+most of it. Where the job does not say, the solver takes no more: a long shot needs no larger workers than a short one."""
 
 READING = 60
 """Bytes per pixel of a frame while it is read whole and cut: plate, observation, flow, confidence."""
@@ -204,7 +204,7 @@ def _free(temporal: TemporalInput, extent: Extent) -> float:
 
 def _allowed(temporal: TemporalInput, extent: Extent) -> float:
     """Bytes that a worker may hold."""
-    usual = DECOMPOSING + DECOMPOSING_PIXEL * extent.height * extent.width
+    usual = min(MOST, DECOMPOSING + DECOMPOSING_PIXEL * extent.height * extent.width)
     return usual if temporal.memory is None else temporal.memory * 1e9
 
 

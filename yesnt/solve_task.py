@@ -18,7 +18,7 @@ from yesnt.errors import JobError
 from yesnt.temporal import BlockLists, solve_lists
 from yesnt.temporal.geometry import Geometry, PackedMasks, build_geometry, loosen_frame
 from yesnt.temporal.outliers import BRIDGE
-from yesnt.workspace import Workspace
+from yesnt.workspace import Workspace, release_memory
 
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -32,6 +32,7 @@ def solve(space: Workspace) -> None:
     if "parts" in space.node.arguments:
         _join(space)
         return
+    release_memory()
     if "joint" in space.node.arguments:
         from yesnt.joint_task import solve_jointly
 

@@ -21,10 +21,7 @@ from yesnt.session import RunOptions, Session
 
 def peak(folder: Path, frames: int) -> tuple[float, str]:
     """Largest resident memory that any worker reported, MB, and the tasks that raised it last."""
-    # A short chunk gives both shots the same blocks: what is left is what length itself costs.
-    job = write_long_shot(
-        folder, frames, quality="draft", decompose={"backend": "embedded", "samples": 1}, temporal={"chunk": 4}
-    )  # fmt: skip
+    job = write_long_shot(folder, frames, quality="draft", decompose={"backend": "embedded", "samples": 1})
     session = Session(job)
     assert not session.run(RunOptions(cluster=ClusterSpec("local", 2))).missing
     events = [json.loads(line) for line in session.output.events.read_text().splitlines()]

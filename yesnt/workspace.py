@@ -244,11 +244,12 @@ class Workspace:
 
 
 def release_memory() -> None:
-    """Gives freed pages back to the system (glibc; elsewhere nothing happens).
+    """Clears the shelf and gives freed pages back to the system (glibc; elsewhere they stay).
 
     A worker keeps what it freed for its next frame (`cluster.ALLOCATOR`). Before a task whose own lists are large, that
     would stack the high water of one stage on another's.
     """
+    _SHELF.clear()
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:
         trim(0)

@@ -40,6 +40,12 @@ class Shelf:
         """Bytes on the shelf."""
         return self._held
 
+    def clear(self) -> None:
+        """Takes everything off."""
+        with self._lock:
+            self._items.clear()
+            self._held = 0
+
     def fetch(self, key: Hashable, make: Callable[[], T], arrays: Callable[[T], tuple[NDArray[Any], ...]]) -> T:
         """The value of a key: from the shelf, or made and put there.
 

@@ -96,7 +96,7 @@ def test_missing_frames_are_exit_3_and_named(tmp_path: Path) -> None:
 
 
 def test_interrupt_is_exit_130_and_loses_nothing(tmp_path: Path) -> None:
-    path = write_tiny_shot(tmp_path / "shot", 4)
+    path = write_tiny_shot(tmp_path / "shot", 12)  # long enough not to be over when the signal comes
     process = subprocess.Popen(
         [sys.executable, "-m", "yesnt", "run", str(path)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         start_new_session=True,

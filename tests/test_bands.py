@@ -24,8 +24,10 @@ from yesnt.workflows.shot import shot_graph
 
 FRAMES, SIZE = 4, (200, 160)
 NARROW = 0.458
-"""GB: 450 MB are the interpreter's, which leaves room for bands of about a hundred rows, and for most of the shot's pixels
-in a joint sweep: where all of them move, more rounds than two are needed (`sweeps`)."""
+"""GB: 450 MB are the interpreter's, which leaves room for bands of about a hundred rows.
+
+A joint sweep then holds most of the shot's pixels: where all of them move, it takes more than two rounds (`sweeps`).
+"""
 
 
 def write(folder: Path, **temporal) -> Path:

@@ -35,12 +35,12 @@ def test_a_longer_shot_is_cut_into_the_longest_chunks_that_fit() -> None:
     assert not banded.whole
 
 
-@pytest.mark.parametrize("extent", [Extent(384, 256, 0.35, 0.2), Extent(384, 256), HD])
+@pytest.mark.parametrize("extent", [Extent(384, 256, 0.35), Extent(384, 256), HD])
 def test_memory_does_not_grow_with_length(extent: Extent) -> None:
     decomposing = DECOMPOSING + DECOMPOSING_PIXEL * extent.height * extent.width
     peaks = [max(decomposing, plan(frames, extent).peak_bytes) for frames in (16, 256, 4000)]
     assert max(peaks) <= 1.1 * peaks[0]
-    assert plan(64, Extent(384, 256, 0.35, 0.2)).chunk == 64, "a shot of the demo's size is solved as one"
+    assert plan(64, Extent(384, 256, 0.35)).chunk == 64, "a shot of the demo's size is solved as one"
 
 
 @pytest.mark.parametrize("share", [0.1, 0.3, 0.5, 0.7])

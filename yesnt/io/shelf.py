@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 T = TypeVar("T")
 
-SHELF_BYTES = 48 << 20
-"""Enough for half a dozen small frames; what is larger is read each time, so memory stays flat."""
+SHELF_BYTES = 96 << 20
+"""Enough for some dozen small frames or for one of HD; what is larger is read each time, so memory stays flat."""
 
 
 @dataclass(frozen=True)

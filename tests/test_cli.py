@@ -96,10 +96,12 @@ def test_missing_frames_are_exit_3_and_named(tmp_path: Path) -> None:
 
 
 def test_interrupt_is_exit_130_and_loses_nothing(tmp_path: Path) -> None:
-    path = write_tiny_shot(tmp_path / "shot", 12)  # long enough not to be over when the signal comes
+    path = write_tiny_shot(tmp_path / "shot", 4)
     process = subprocess.Popen(
         [sys.executable, "-m", "yesnt", "run", str(path)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         start_new_session=True,
+        # A shell gives its background jobs an ignored SIGINT, which children would inherit.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )  # fmt: skip
     records = path.parent / "out" / "run" / "records"
     deadline = time.monotonic() + 90

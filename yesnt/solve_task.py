@@ -140,6 +140,7 @@ def solve_window(space: Workspace, window: Window, start: Float32 | None) -> tup
     geometry = build_geometry(window.matte, Part(links, 0), Part(links, 1), window.fixed)
     _loosen(geometry, space, window)
     lists = BlockLists(geometry, data, confidence, data if start is None else start)
+    release_memory()  # what reading left on the shelf
     with space.kernel():
         value, stats = solve_lists(lists, params, SETTLED * temporal.tolerance, temporal.method)
     facts = {"iterations": stats.iterations, "gap": stats.gap, "pixels": stats.pixels, "rows": window.matte.shape[1]}

@@ -26,14 +26,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.temporal.geometry import Geometry
-from yesnt.temporal.newton import Limits, Problem
+from yesnt.temporal.newton import Limits, Outcome, Problem
 from yesnt.temporal.params import EnergyParams, Solution, SolveStats
 from yesnt.temporal.solver import METHODS, Method, check_inputs, collect_stats
 
 Single = NDArray[np.float32]
 
-BYTES_PER_PIXEL = 150
-"""Geometry and work vectors of a solve, bytes per matte pixel of its block (measured: 145)."""
+BYTES_PER_PIXEL = 95
+"""Geometry (33) and work of a solve (56), bytes per matte pixel of its block, and what an allocator keeps beside."""
 
 BLOCK_GAP = 1e-4
 """Certified relative gap of a block, beside the step that its caller asks for."""
@@ -179,7 +179,8 @@ class BlockLists:
         geometry: of the N matte pixels; its fixed pixels are the border.
         observed: [C, N].
         confidence: [C, N].
-        start: [C, N] the sweep before, or what was observed; fixed pixels keep it.
+        start: [C, N] the sweep before, or what was observed; fixed pixels keep it. The result takes its place, and it
+            may be `observed` itself.
     """
 
     geometry: Geometry
@@ -191,17 +192,20 @@ class BlockLists:
 def solve_lists(
     lists: BlockLists, params: EnergyParams, tolerance: float, method: Method = "default"
 ) -> tuple[Single, SolveStats]:
-    """One block of one sweep, as `solve_block`; returns the value [C, N] and what the solver did."""
+    """One block of one sweep, as `solve_block`; returns the value [C, N], in place of the start, and the statistics."""
     started = time.perf_counter()
+    outcomes = [_solve_channel(lists, channel, params, tolerance, method) for channel in range(len(lists.start))]
+    return lists.start, collect_stats(outcomes, BLOCK_GAP, lists.geometry.pixels, time.perf_counter() - started)
+
+
+def _solve_channel(lists: BlockLists, channel: int, params: EnergyParams, tolerance: float, method: Method) -> Outcome:
+    """Solves one channel in its place; nothing of the work stays while the next one is solved."""
     run, outer = METHODS[method]
     limits = Limits(BLOCK_GAP, tolerance if method == "default" else np.inf, outer)
-    value, states = lists.start.copy(), []
-    for channel, start in enumerate(lists.start):
-        problem = Problem(lists.geometry, lists.observed[channel], lists.confidence[channel], params)
-        state = run(problem, start.astype(np.float64), limits)
-        value[channel] = state.x
-        states.append(state)
-    return value, collect_stats(states, BLOCK_GAP, lists.geometry.pixels, time.perf_counter() - started)
+    problem = Problem(lists.geometry, lists.observed[channel], lists.confidence[channel], params)
+    state = run(problem, lists.start[channel].astype(np.float64), limits)
+    lists.start[channel] = state.x
+    return state.outcome
 
 
 def block_bytes(frames: int, rows: int, width: int, matte_share: float, channels: int = 2) -> int:
@@ -218,8 +222,8 @@ def block_bytes(frames: int, rows: int, width: int, matte_share: float, channels
 
 
 def listed_bytes(channels: int = 2) -> int:
-    """Memory of a solve for each pixel on its lists: geometry, work, and four values of each channel."""
-    return BYTES_PER_PIXEL + 4 * 4 * channels  # observed, confidence, start and result
+    """Memory of a solve for each pixel on its lists: geometry, work, and three values of each channel."""
+    return BYTES_PER_PIXEL + 3 * 4 * channels  # observed, confidence, start
 
 
 def band_rows(frames: int, width: int, matte_share: float, budget: int, channels: int = 2) -> int:

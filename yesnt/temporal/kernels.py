@@ -262,15 +262,14 @@ def inverse_diagonal(first, last, out, geo, operator, coupling):
 
 
 @njit(cache=True, nogil=True)
-def start_cg(first, last, gradient, inverse, z, r, p, frames, dots):
+def start_cg(first, last, gradient, inverse, z, r, frames, dots):
     """Starts conjugate gradients at z = 0 for the right-hand side - gradient; `dots` as in `advance`."""
     for t in range(first, last):
         total = 0.0
         for i in range(np.uint64(frames[t]), np.uint64(frames[t + 1])):
             z[i] = 0
             r[i] = -gradient[i]
-            p[i] = r[i] * inverse[i]
-            total += np.float64(r[i]) * p[i]
+            total += np.float64(r[i]) * (r[i] * inverse[i])
         dots[t] = total
 
 

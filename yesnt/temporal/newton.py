@@ -8,7 +8,7 @@ is small. Values are float64, the linear systems float32.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,6 +105,16 @@ class Limits:
     inner: int = 400
 
 
+class Outcome(NamedTuple):
+    """What a solve leaves beside its value: energy, gap, outer iterations, products, last step."""
+
+    energy: float
+    gap: float
+    outer: int
+    inner: int
+    step: float
+
+
 @dataclass
 class State:
     """Where a solve stands."""
@@ -124,9 +134,19 @@ class State:
             return 0.0
         return difference / self.bound if self.bound > 0 else float("inf")
 
+    @property
+    def outcome(self) -> Outcome:
+        """The state without its value, which a caller need not keep."""
+        return Outcome(self.energy, self.gap, self.outer, self.inner, self.step)
+
 
 class NewtonSolver:
-    """Holds the work arrays of one channel."""
+    """Holds the work arrays of one channel.
+
+    A pixel costs 48 bytes beside its value: rows of one array, of which some serve twice. `trial` and `scratch`
+    (float64) lie on the operator, which is made anew from what they are used for; the gradient lies on the search
+    direction and its product, which begin when the gradient has been taken over as the residual.
+    """
 
     def __init__(self, problem: Problem) -> None:
         geometry = problem.geometry
@@ -134,15 +154,15 @@ class NewtonSolver:
         self.problem = problem
         self.run = FrameThreads(geometry).run
         self.box = problem.box
-        self.gradient, self.scratch = np.zeros(count), np.zeros(count)
         self.per_frame = np.zeros(frames)
         self.qx, self.qy, self.u = (np.zeros(count, np.float32) for _ in range(3))
         self.trust = EASY_TRUST
         kind: type[Any] = np.float64 if problem.stiff else np.float32
         self.coupling = kind(2 * problem.params.lambda2)
-        self.operator: tuple[NDArray[Any], ...] = tuple(np.zeros(count, kind) for _ in range(4))
-        vectors: list[NDArray[Any]] = [np.zeros(count, kind) for _ in range(5)]
-        self.inverse, self.z, self.r, self.p, self.ap = vectors
+        work = np.zeros((9, count), kind)
+        self.operator: tuple[NDArray[Any], ...] = tuple(work[:4])
+        self.p, self.ap, self.z, self.r, self.inverse = work[4:]
+        self.trial, self.scratch, self.gradient = (_as_doubles(work[i : i + 2]) for i in (0, 2, 4))
 
     def evaluate(self, x: Array) -> float:
         """F(x); leaves the gradient in `self.gradient`."""
@@ -172,7 +192,8 @@ class NewtonSolver:
         self.run(kernels.linearise, x, (self.qx, self.qy, self.u), self.trust, *data, self.operator)
         self.run(kernels.inverse_diagonal, self.inverse, geometry, self.operator, coupling)
         frames = geometry.frames
-        self.run(kernels.start_cg, self.gradient, self.inverse, self.z, self.r, self.p, frames, self.per_frame)
+        self.run(kernels.start_cg, self.gradient, self.inverse, self.z, self.r, frames, self.per_frame)
+        np.multiply(self.r, self.inverse, out=self.p)  # only now: the gradient lay here
         rho = float(np.sum(self.per_frame))
         goal = rho * reduction**2
         for count in range(limit):
@@ -216,7 +237,7 @@ class NewtonSolver:
         duals = (self.qx, self.qy, self.u)
         self.run(kernels.update_duals, state.x, self.z, *duals, problem.geometry, problem.observed, problem.numbers)
         state.step = float(np.max(np.abs(self.z), initial=0.0))
-        state.x = state.x + self.z
+        state.x += self.z
         if self.widen_box(state.x):
             state.bound = -np.inf  # bounds over a smaller box say nothing about the new one
         if before - state.energy <= HOPELESS * limits.tolerance * state.energy:
@@ -239,7 +260,7 @@ class NewtonSolver:
         """Halves the direction until F does not rise; scales `self.z` by the length found and sets the energy."""
         length = 1.0
         while length > MINIMAL_LENGTH:
-            energy = self.evaluate(state.x + self.z)
+            energy = self.evaluate(np.add(state.x, self.z, out=self.trial))
             if energy <= state.energy:
                 state.energy = energy
                 return length
@@ -250,8 +271,13 @@ class NewtonSolver:
         return 0.0
 
 
+def _as_doubles(rows: NDArray[Any]) -> Array:
+    """The memory of two neighbouring rows [2, N], or of the first if they are float64, as [N] float64."""
+    return rows[0] if rows.dtype == np.float64 else rows.reshape(-1).view(np.float64)
+
+
 def solve_newton(problem: Problem, start: Array, limits: Limits) -> State:
-    """Minimises F from `start` [N] until the certified gap is below the tolerance, or rounding allows no more."""
+    """Minimises F from `start` [N], in its memory, until the gap is below the tolerance or rounding allows no more."""
     solver = NewtonSolver(problem)
     state = State(x=start, energy=solver.evaluate(start), bound=-np.inf)
     idle = 0

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from yesnt.errors import JobError
 from yesnt.temporal.adam import solve_adam
 from yesnt.temporal.geometry import Geometry, build_geometry, loosen_frame
-from yesnt.temporal.newton import Array, Limits, NewtonSolver, Problem, State, solve_newton
+from yesnt.temporal.newton import Array, Limits, NewtonSolver, Outcome, Problem, State, solve_newton
 from yesnt.temporal.params import EnergyParams, Solution, SolveStats
 
 Single = NDArray[np.float32]
@@ -107,27 +107,27 @@ def solve(
         part = slice(int(inputs.geometry.frames[t]), int(inputs.geometry.frames[t + 1]))
         loosen_frame(inputs.geometry, t, inputs.geometry.link[part] > 0)
     limits = Limits(tolerance=tolerance, outer=outer)
-    value, states = inputs.observed.copy(), []
+    value, outcomes = inputs.observed.copy(), []
     for channel in range(len(value)):
         problem = channel_problem(inputs, channel, params)
         state = run(problem, problem.observed.astype(np.float64), limits)
         value[channel][inputs.matte] = state.x
-        states.append(state)
-    stats = collect_stats(states, tolerance, inputs.geometry.pixels, time.perf_counter() - started)
+        outcomes.append(state.outcome)
+    stats = collect_stats(outcomes, tolerance, inputs.geometry.pixels, time.perf_counter() - started)
     return Solution(_like(value, observed), stats)
 
 
-def collect_stats(states: list[State], tolerance: float, pixels: int, seconds: float) -> SolveStats:
+def collect_stats(outcomes: list[Outcome], tolerance: float, pixels: int, seconds: float) -> SolveStats:
     """One record over the channels."""
-    gap = max((state.gap for state in states), default=0.0)
+    gap = max((one.gap for one in outcomes), default=0.0)
     return SolveStats(
-        iterations=sum(state.outer for state in states),
-        inner_iterations=sum(state.inner for state in states),
+        iterations=sum(one.outer for one in outcomes),
+        inner_iterations=sum(one.inner for one in outcomes),
         seconds=seconds,
-        energy=float(sum(state.energy for state in states)),
+        energy=float(sum(one.energy for one in outcomes)),
         gap=gap,
         converged=gap <= tolerance,
-        largest_step=max((state.step for state in states), default=0.0),
+        largest_step=max((one.step for one in outcomes), default=0.0),
         pixels=pixels,
     )
 

@@ -71,21 +71,44 @@ class Backend(Protocol):
     """
 
     @property
-    def name(self) -> str: ...  # noqa: D102
+    def name(self) -> str:
+        """The word in the job file."""
+        ...
+
     @property
-    def licence(self) -> Licence: ...  # noqa: D102
+    def licence(self) -> Licence:
+        """Terms of the weights."""
+        ...
+
     @property
-    def patch(self) -> int: ...  # noqa: D102
+    def patch(self) -> int:
+        """Side of a patch P in pixels."""
+        ...
+
     @property
-    def align(self) -> int: ...  # noqa: D102
+    def align(self) -> int:
+        """What patch origins, and P, are multiples of."""
+        ...
+
     @property
-    def batch(self) -> int: ...  # noqa: D102
+    def batch(self) -> int:
+        """Rows B of every call."""
+        ...
+
     @property
-    def noise_sigmas(self) -> tuple[float, ...]: ...  # noqa: D102
+    def noise_sigmas(self) -> tuple[float, ...]:
+        """Blur in pixels of each of the C noise planes, 0 for white noise."""
+        ...
+
     @property
-    def evaluations(self) -> int: ...  # noqa: D102
+    def evaluations(self) -> int:
+        """Network evaluations that one `sample` call spends per row."""
+        ...
+
     @property
-    def weights_digest(self) -> str: ...  # noqa: D102
+    def weights_digest(self) -> str:
+        """Hexadecimal digest of the weights."""
+        ...
 
     def encode(self, rgb: torch.Tensor, matte: torch.Tensor, context: ContextBatch) -> torch.Tensor:
         """What sampling needs to know of the patches.
@@ -148,13 +171,24 @@ class VideoBackend(Protocol):
     """
 
     @property
-    def name(self) -> str: ...  # noqa: D102
+    def name(self) -> str:
+        """The word in the job file."""
+        ...
+
     @property
-    def licence(self) -> Licence: ...  # noqa: D102
+    def licence(self) -> Licence:
+        """Terms of the weights."""
+        ...
+
     @property
-    def footprint(self) -> Footprint: ...  # noqa: D102
+    def footprint(self) -> Footprint:
+        """Frames of a window, evaluations of a member."""
+        ...
+
     @property
-    def weights_digest(self) -> str: ...  # noqa: D102
+    def weights_digest(self) -> str:
+        """Hexadecimal digest of the weights."""
+        ...
 
     def draw(self, clip: Clip, seed: int, members: Sequence[int], settings: EnsembleSettings) -> Iterator[Float32]:
         """Draws members one after another.

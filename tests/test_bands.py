@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.tiny_shot import write_tiny_shot
-from yesnt.chunks import Extent, matte_share, plan_chunks
+from yesnt.chunks import Extent, matte_extent, plan_chunks
 from yesnt.cluster import ClusterSpec, open_cluster
 from yesnt.driver import is_done
 from yesnt.forecast import forecast
@@ -23,8 +23,8 @@ from yesnt.temporal import EnergyParams
 from yesnt.workflows.shot import shot_graph
 
 FRAMES, SIZE = 4, (200, 160)
-NARROW = 0.4105
-"""GB: 400 MB are the interpreter's, which leaves room for bands of about a hundred rows."""
+NARROW = 0.4765
+"""GB: 470 MB are the interpreter's; the rest is a little less than what the whole shot asks for at once."""
 
 
 def write(folder: Path, **temporal) -> Path:
@@ -156,7 +156,7 @@ def test_the_plan_tells_bands_and_memory(banded: Session) -> None:
     found = forecast(banded)
     row = next(row for row in found.stages if row.stage == "solve")
     assert found.bands == len(banded.chunks.bands)
-    assert 0.4e9 < row.peak_bytes <= NARROW * 1e9
+    assert row.peak_bytes == banded.chunks.peak_bytes > 0.47e9
 
 
 def test_bands_are_chosen_from_the_memory_setting_only() -> None:
@@ -176,7 +176,7 @@ def test_bands_are_chosen_from_the_memory_setting_only() -> None:
 def test_the_matte_is_measured_where_it_is_densest(tmp_path: Path) -> None:
     session = Session(write(tmp_path / "shot"))
     widest = max(float((read_matte(session.job, f) > 0.5).mean(axis=1).max()) for f in session.job.frames)
-    assert widest - 0.05 <= matte_share(session.job) <= widest + 0.05
+    assert widest - 0.05 <= matte_extent(session.job).densest <= widest + 0.05
 
 
 def test_links_longer_than_the_reach_are_cut_in_every_band(banded: Session, tmp_path: Path) -> None:

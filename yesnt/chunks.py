@@ -29,12 +29,12 @@ SHORTEST = 16
 """Frames below which a chunk is rather cut into bands of rows than made shorter; a half and a quarter of it are left
 for shots whose bands would still be too large."""
 
-RESIDENT = 400e6
-"""Bytes of a worker that has loaded what the solver needs."""
+RESIDENT = 470e6
+"""Bytes of a worker that has decomposed and relit frames, has cleared its shelf and given freed pages back."""
 
-DECOMPOSING, DECOMPOSING_PIXEL = 0.9e9, 300
-"""Bytes of a worker that decomposes a frame, and of each pixel of it (measured: 0.87 GB at 256x384). Where the job does
-not say, the solver takes no more: a long shot then needs no larger workers than a short one."""
+DECOMPOSING, DECOMPOSING_PIXEL, MOST = 0.65e9, 300, 2e9
+"""Bytes of a worker that decomposes a frame, and of each pixel of it (measured: 0.61 to 0.64 GB at 256x384), and the
+most of it. Where a job does not say, the solver takes no more: a long shot needs no larger workers than a short one."""
 
 READING = 60
 """Bytes per pixel of a frame while it is read whole and cut: plate, observation, flow, confidence."""
@@ -48,14 +48,23 @@ REACH_SHARE = 48
 
 @dataclass(frozen=True)
 class Extent:
-    """What is known of a shot's frames before they are solved: size, and the share of matte pixels where it is densest.
+    """What is known of a shot's frames before they are solved.
 
-    The share counts windows of a sixteenth of the rows.
+    Attributes:
+        height: rows.
+        width: columns.
+        densest: share of matte pixels in the densest sixteenth of the rows: what bands are cut by.
+        mean: share of matte pixels in all rows; the densest where it is not known.
     """
 
     height: int
     width: int
-    matte_share: float = 1.0
+    densest: float = 1.0
+    mean: float | None = None
+
+    def share(self, rows: int) -> float:
+        """Share of matte pixels in that many rows, whichever they are."""
+        return self.densest if self.mean is None or rows < self.height else self.mean
 
 
 @dataclass(frozen=True)
@@ -158,7 +167,7 @@ def _chunk_length(temporal: TemporalInput, needed: int, frames: int, extent: Ext
     """Frames of a chunk: as many as memory allows with halo and border, as far as that is not too few."""
     if temporal.chunk is not None:
         return temporal.chunk
-    longest = int(_free(temporal, extent) // block_bytes(1, extent.height, extent.width, extent.matte_share))
+    longest = int(_free(temporal, extent) // block_bytes(1, extent.height, extent.width, extent.share(extent.height)))
     if longest >= frames:
         return frames
     halo = needed if temporal.halo is None else temporal.halo
@@ -179,22 +188,25 @@ def _joint_pixels(temporal: TemporalInput, frames: int, extent: Extent) -> int:
     pixels = extent.height * extent.width
     free = _free(temporal, extent) - 2 * frames * pixels / 8  # a bit a pixel
     listed = int(free // listed_bytes())
-    return listed if listed >= extent.matte_share * pixels else 0
+    return listed if listed >= extent.share(extent.height) * pixels else 0
 
 
-def matte_share(job: Job) -> float:
-    """Share of matte pixels in the densest sixteenth of the rows of three frames, rounded up to a twentieth."""
-    middle, window, found = len(job.frames) // 2, max(1, job.height // 16), 0.0
+def matte_extent(job: Job) -> Extent:
+    """The extent of a job's frames, with the shares of three of them; the densest is rounded up to a twentieth."""
+    middle, window, densest, means = len(job.frames) // 2, max(1, job.height // 16), 0.0, []
     for frame in {job.frames[0], job.frames[middle], job.frames[-1]}:
         rows = (read_matte(job, frame) > 0.5).mean(axis=1)
-        found = max(found, float(np.convolve(rows, np.ones(window) / window, "valid").max()))
-    return min(1.0, math.ceil(20 * found + 1e-9) / 20)
+        densest = max(densest, float(np.convolve(rows, np.ones(window) / window, "valid").max()))
+        means.append(float(rows.mean()))
+    return Extent(job.height, job.width, min(1.0, math.ceil(20 * densest + 1e-9) / 20), max(means))
 
 
 def _affordable_rows(temporal: TemporalInput, frames: int, extent: Extent) -> int:
     """Rows that a task may load."""
     free = _free(temporal, extent)
-    return band_rows(frames, extent.width, extent.matte_share, int(free)) if free > 0 else 0
+    if block_bytes(frames, extent.height, extent.width, extent.share(extent.height)) <= free:
+        return extent.height
+    return min(extent.height - 1, band_rows(frames, extent.width, extent.densest, int(free))) if free > 0 else 0
 
 
 def _free(temporal: TemporalInput, extent: Extent) -> float:
@@ -204,10 +216,10 @@ def _free(temporal: TemporalInput, extent: Extent) -> float:
 
 def _allowed(temporal: TemporalInput, extent: Extent) -> float:
     """Bytes that a worker may hold."""
-    usual = DECOMPOSING + DECOMPOSING_PIXEL * extent.height * extent.width
+    usual = min(MOST, DECOMPOSING + DECOMPOSING_PIXEL * extent.height * extent.width)
     return usual if temporal.memory is None else temporal.memory * 1e9
 
 
 def _peak(frames: int, rows: int, extent: Extent) -> float:
-    lists = block_bytes(frames, rows, extent.width, extent.matte_share)
+    lists = block_bytes(frames, rows, extent.width, extent.share(rows))
     return RESIDENT + READING * extent.height * extent.width + lists

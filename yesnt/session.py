@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from yesnt import settings as of
-from yesnt.chunks import ChunkPlan, Extent, fits_whole, matte_share, plan_chunks
+from yesnt.chunks import ChunkPlan, Extent, fits_whole, matte_extent, plan_chunks
 from yesnt.cluster import ClusterSpec, check_kind, open_cluster, warm_up
 from yesnt.driver import Driver, DriverSettings, Outcome, is_done
 from yesnt.errors import UsageError
@@ -91,7 +91,7 @@ class Session:
         temporal, length = job.shot.temporal, len(job.frames)
         extent = Extent(job.height, job.width)
         if not fits_whole(temporal, length, extent):
-            extent = Extent(job.height, job.width, matte_share(job))
+            extent = matte_extent(job)
         return plan_chunks(params, temporal, temporal.tolerance, length, extent)
 
     def plan(self, missing: Missing | None = None) -> ShotPlan:

@@ -137,6 +137,11 @@ class _Picture:
 
     @classmethod
     def prepare(cls, rgb: Float32, matte: Float32, backend: Backend, settings: EnsembleSettings) -> _Picture:
+        """Checks a frame and lays its patches out; arguments as in `estimate_frame`.
+
+        Raises:
+            ValueError: shapes disagree, or a value inside the matte is not finite.
+        """
         if rgb.shape != (*matte.shape, 3):
             raise ValueError(f"rgb {rgb.shape} must be [H, W, 3] of the matte's [H, W] {matte.shape}")
         inside = matte > 0

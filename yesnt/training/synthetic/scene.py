@@ -69,6 +69,7 @@ class _Body:
     turn: float
 
     def place(self, point: tuple[float, float, float], radius: float) -> Float64:
+        """A point of the body's own space and a radius about it in the scene's, [4]."""
         x, y, z = point
         c, s = np.cos(self.turn), np.sin(self.turn)
         placed = np.array([c * x + s * z, y, c * z - s * x]) * self.scale + self.origin
@@ -90,6 +91,7 @@ class _Body:
             self.scene.geometry.capsule(first, last, flat, self.scene.paint(_BAND))
 
     def dot(self, point: tuple[float, float, float], radius: float, material: int) -> None:
+        """A small lump, slightly flattened."""
         placed = self.place(point, radius)
         self.scene.geometry.capsule(placed, placed + np.array([0.01, 0, 0, 0]), 0.7, material)
 

@@ -12,11 +12,13 @@ import numpy as np
 
 from yesnt import settings as of
 from yesnt.audit import DONE, states
+from yesnt.camera import Camera
 from yesnt.chunks import ROUND
 from yesnt.driver import is_done
 from yesnt.evaluations import Evaluations, forecast_evaluations
 from yesnt.graph import Graph, Node
 from yesnt.io import capture
+from yesnt.io.jobfile import frame_path
 from yesnt.light_task import frame_map
 from yesnt.preflight import inspect
 from yesnt.session import Session
@@ -209,7 +211,17 @@ def _relight_terms(session: Session) -> tuple[Requirement, ...]:
     first = session.job.frames[0]
     light = prepare_relight(frame_map(session.job, shot.light, first), settings)
     captured = prepare_capture(frame_map(session.job, shot.capture_light, first), settings)
-    return requirements(SceneFacts(light, captured, shot.proxy is not None, *_material_ranges(session)), settings)
+    known = (shot.proxy is not None, *_material_ranges(session), _short_normals(session))
+    return requirements(SceneFacts(light, captured, *known), settings)
+
+
+def _short_normals(session: Session) -> float:
+    """Share of the first frame's normals that are averages of several directions."""
+    from yesnt.relight.film import short_normals
+
+    job, first = session.job, session.job.frames[0]
+    camera = Camera.open(frame_path(job.root, job.shot.camera, 0))
+    return short_normals(capture.read_surface(job, first, camera).normal, capture.read_matte(job, first) > 0)
 
 
 def _material_ranges(session: Session) -> tuple[tuple[float, float] | None, tuple[float, float] | None]:

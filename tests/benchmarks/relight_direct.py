@@ -17,7 +17,7 @@ from yesnt.color import straighten
 from yesnt.io.exr import read_image
 from yesnt.io.mesh import read_mesh
 from yesnt.relight import EnvMap, ProxyScene, RelightSettings, Surface, prepare_relight
-from yesnt.relight.frame import finish_edges, shade_pixels
+from yesnt.relight.frame import finish, shade_pixels
 from yesnt.relight.occlusion import find_occluders
 from yesnt.relight.points import gather_pixels
 
@@ -45,7 +45,7 @@ def relit(surface, base, plate, proxy, env, shadows):
     pixels = gather_pixels(surface)
     occluders, inside = find_occluders(surface, pixels, proxy, settings), pixels.index
     lit = shade_pixels(base.reshape(-1, 3)[inside], pixels, occluders, prepare_relight(env, settings), settings)
-    return finish_edges(lit, pixels.image(plate.reshape(-1, 3)[inside]), surface, settings).radiance
+    return finish(lit, pixels.image(plate.reshape(-1, 3)[inside]), surface, settings).radiance
 
 
 def main(root, names):

@@ -2,7 +2,7 @@
 
     python tests/benchmarks/relight_ladder.py FOLDER [FIRST-LASTxSTEP] [short]
 
-`short`: only standard quality, with and without shadows.
+`short`: only standard quality, without and with shadows and film.
 
 FOLDER holds a shot with `truth/material.####.exr` and `truth/relit_NAME.####.exr` for maps `env/NAME.exr`. Matte:
 opacity > 0.99; sRGB, clipped to [0, 1]; PSNR of each frame, mean over frames.
@@ -31,20 +31,18 @@ from yesnt.relight import (
 )
 
 STANDARD = RelightSettings()
-OPEN = replace(STANDARD, shadows=False, edges=False)
+POINTS = replace(STANDARD, edges=False, film=0.0)
+OPEN = replace(POINTS, shadows=False)
 RUNGS = {  # name: (settings, with proxy, roughness or None for the true one)
     "paper's base, no shadow": (replace(OPEN, base_color="plate", brdf="paper"), False, None),
-    "the paper's single factor": (
-        replace(STANDARD, base_color="plate", brdf="paper", shadows="single", edges=False),
-        False,
-        None,
-    ),
+    "the paper's single factor": (replace(POINTS, base_color="plate", brdf="paper", shadows="single"), False, None),
     "capture light removed": (replace(OPEN, brdf="paper"), False, None),
     "+ Cycles' energy terms": (OPEN, False, None),
-    "+ visibility marched in z": (replace(STANDARD, edges=False), False, None),
-    "+ visibility from the proxy": (replace(STANDARD, bounce=0, edges=False), True, None),
-    "+ two bounces": (replace(STANDARD, edges=False), True, None),
-    "+ edges resolved = standard": (STANDARD, True, None),
+    "+ visibility marched in z": (POINTS, False, None),
+    "+ visibility from the proxy": (replace(POINTS, bounce=0), True, None),
+    "+ two bounces": (POINTS, True, None),
+    "+ edges resolved": (replace(STANDARD, film=0.0), True, None),
+    "+ film = standard": (STANDARD, True, None),
     "draft": (RelightSettings.from_quality("draft"), True, None),
     "final": (RelightSettings.from_quality("final"), True, None),
     "standard, roughness 0.5": (STANDARD, True, 0.5),
@@ -81,7 +79,7 @@ def psnr(found, truth, matte):
     return -10 * np.log10(np.square(error).mean())
 
 
-FREE, WHOLE = "+ Cycles' energy terms", "+ edges resolved = standard"
+FREE, WHOLE = "+ Cycles' energy terms", "+ film = standard"
 
 
 def main(folder, frames, rungs):
@@ -118,5 +116,5 @@ def main(folder, frames, rungs):
 if __name__ == "__main__":
     span, _, step = (sys.argv[2] if len(sys.argv) > 2 else "1001-1012").partition("x")
     first, _, last = span.partition("-")
-    chosen = {name: RUNGS[name] for name in (FREE, WHOLE)} if sys.argv[3:] == ["short"] else RUNGS
+    chosen = {name: RUNGS[name] for name in (FREE, "+ edges resolved", WHOLE)} if sys.argv[3:] == ["short"] else RUNGS
     main(Path(sys.argv[1]), list(range(int(first), int(last or first) + 1, int(step or 1))), chosen)

@@ -19,7 +19,7 @@ from yesnt.relight import (
 from yesnt.relight.brdf import alpha_ggx
 from yesnt.relight.points import gather_pixels
 
-DRAFT = RelightSettings.from_quality("draft", edges=False)
+DRAFT = RelightSettings.from_quality("draft", edges=False, film=0.0)
 
 
 def relight(plate, gbuffer, cam, env, capture, settings, proxy=None):
@@ -43,7 +43,7 @@ def floor_and_block():
 @pytest.mark.parametrize("metallic", [0.0, 0.3, 1.0])
 def test_the_capture_light_is_inverted_exactly(brdf, metallic):
     gbuffer, cam = sphere(metallic=metallic)
-    settings = RelightSettings.from_quality("draft", shadows=False, brdf=brdf, edges=False, texels=128, clusters=32)
+    settings = RelightSettings.from_quality("draft", shadows=False, brdf=brdf, edges=False, film=0.0, texels=128, clusters=32)
     env = sky(16)
     plate = relight(
         gbuffer.base_color, gbuffer, cam, env, env, RelightSettings(**{**vars(settings), "base_color": "plate"})
@@ -57,8 +57,9 @@ def test_the_capture_light_is_inverted_exactly(brdf, metallic):
 def test_relit_under_its_own_light_the_plate_comes_back_with_shadows_and_bounce():
     gbuffer, cam, proxy = floor_and_block()
     env = sky(16)
-    lit = RelightSettings.from_quality("draft", texels=128, clusters=32, capture_clusters=32, base_color="plate")
-    inverse = RelightSettings.from_quality("draft", texels=128, clusters=32, capture_clusters=32, capture_passes=4)
+    few = {"texels": 128, "clusters": 32, "capture_clusters": 32, "film": 0.0}
+    lit = RelightSettings.from_quality("draft", base_color="plate", **few)
+    inverse = RelightSettings.from_quality("draft", capture_passes=4, **few)
     plate = relight(gbuffer.base_color, gbuffer, cam, env, env, lit, proxy)
     back = relight(plate.radiance, gbuffer, cam, env, env, inverse, proxy)
     bright = plate.shadow > 0.05

@@ -28,7 +28,7 @@ from yesnt.relight import (
     prepare_capture,
     prepare_relight,
 )
-from yesnt.relight.frame import base_color, finish_edges, shade_pixels
+from yesnt.relight.frame import base_color, finish, shade_pixels
 from yesnt.relight.occlusion import Occluders, find_occluders
 from yesnt.relight.points import Pixels, gather_pixels
 from yesnt.shot import Job
@@ -134,7 +134,7 @@ class Scene:
         else:
             base = self._base(pixels, occluders, settings, (row.proxy, _digest(planes)))
         relit = shade_pixels(base, pixels, occluders, new_light(env, settings), settings)
-        return finish_edges(relit, pixels.image(self._color(pixels)), surface, settings).radiance
+        return finish(relit, pixels.image(self._color(pixels)), surface, settings).radiance
 
     def _base(self, pixels: Pixels, occluders: Occluders, settings: RelightSettings, way: tuple[Any, ...]) -> F32:
         """Base colour [P, 3] out of the plate; the light that relights has no part in it, so all maps share one."""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from yesnt.relight.combine import Response, normalise, response, shadow_ratio
 from yesnt.relight.edges import resolve_edges
 from yesnt.relight.envmap import EnvMap
+from yesnt.relight.film import film, read_at_centres, short_normals
 from yesnt.relight.glow import glow_of
 from yesnt.relight.kernels import COLUMNS, LIT, sum_lobes
 from yesnt.relight.lights import PreparedLight, prepare_light
@@ -95,7 +96,7 @@ def relight_frame(
     plate = np.clip(np.nan_to_num(plate, nan=0.0, posinf=65504.0, neginf=0.0), 0, None)
     base = base_color(plate, pixels, occluders, capture, settings)
     relit = shade_pixels(base, pixels, occluders, light, settings)
-    return finish_edges(relit, pixels.image(plate), inputs.surface, settings)
+    return finish(relit, pixels.image(plate), inputs.surface, settings)
 
 
 def base_color(
@@ -132,6 +133,20 @@ def shade_pixels(
         shadow.reshape(-1)[pixels.index] = shadow_ratio(sums, pixels, base, settings.brdf)
     diffuse, specular = pixels.image(base * weights.diffuse), pixels.image(weights.specular(base))
     return RelitFrame(pixels.image(base), diffuse, specular, shadow)
+
+
+def finish(relit: RelitFrame, guide: F32, surface: Surface, settings: RelightSettings) -> RelitFrame:
+    """What turns light at pixel centres into a plate's: edges resolved by the guide [H, W, 3], the film's width."""
+    return finish_film(finish_edges(relit, guide, surface, settings), surface, settings)
+
+
+def finish_film(relit: RelitFrame, surface: Surface, settings: RelightSettings) -> RelitFrame:
+    """Averages the light over the film's width where the surface was read at pixel centres."""
+    coverage = np.clip(np.nan_to_num(np.asarray(surface.opacity, dtype=np.float32)), 0, 1)
+    if settings.film == 0 or not read_at_centres(short_normals(surface.normal, coverage > 0)):
+        return relit
+    diffuse, specular = (film(image, coverage, settings.film) for image in (relit.diffuse, relit.specular))
+    return replace(relit, diffuse=diffuse, specular=specular)
 
 
 def finish_edges(relit: RelitFrame, guide: F32, surface: Surface, settings: RelightSettings) -> RelitFrame:

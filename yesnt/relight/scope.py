@@ -8,6 +8,7 @@ import numpy as np
 
 from yesnt.color import luminance
 from yesnt.relight.brdf import alpha_ggx
+from yesnt.relight.film import read_at_centres
 from yesnt.relight.glow import LEVELS, nearest_level
 from yesnt.relight.kernels import least_bearable
 from yesnt.relight.lights import PreparedLight
@@ -43,6 +44,7 @@ class SceneFacts:
         proxy: whether the shot has a proxy mesh.
         roughness: smallest and largest in the material passes.
         metallic: smallest and largest in the material passes.
+        short: share of the first frame's normals that are averages of several directions.
     """
 
     light: PreparedLight | None = None
@@ -50,6 +52,7 @@ class SceneFacts:
     proxy: bool = False
     roughness: tuple[float, float] | None = None
     metallic: tuple[float, float] | None = None
+    short: float | None = None
 
 
 def requirements(facts: SceneFacts, settings: RelightSettings) -> tuple[Requirement, ...]:
@@ -62,6 +65,7 @@ def requirements(facts: SceneFacts, settings: RelightSettings) -> tuple[Requirem
         _shadow(facts, settings),
         _bounce(facts, settings),
         _capture(facts, settings),
+        _film(facts, settings),
     )
 
 
@@ -150,6 +154,18 @@ def _capture(facts: SceneFacts, settings: RelightSettings) -> Requirement:
     radiance = luminance(facts.capture.env.radiance.astype(np.float64))
     even = float(radiance.std() / max(radiance.mean(), 1e-30)) < _EVEN
     return Requirement(name, True, "uniform: only occlusion and albedo matter" if even else "taken out of the plate")
+
+
+def _film(facts: SceneFacts, settings: RelightSettings) -> Requirement:
+    name = "film's width"
+    if settings.film == 0:
+        return Requirement(name, False, "switched off by `film`")
+    if facts.short is None:
+        return Requirement(name, True, "where normals are of unit length: read at pixel centres")
+    found = f"{100 * facts.short:.1f} % of the first frame's normals are averages"
+    if read_at_centres(facts.short):
+        return Requirement(name, True, f"{found}: light is computed at pixel centres and averaged as the plate is")
+    return Requirement(name, False, f"{found}: they bring it with them")
 
 
 def shadow_blur(light: PreparedLight) -> float:

@@ -13,6 +13,8 @@ Brdf = Literal["default", "paper"]
 Diffuse = Literal["lambert", "disney"]
 Shadows = bool | Literal["single"]
 
+_BOX = 1 / 3  # a pixel's share among itself and two neighbours: no film is flatter
+
 
 @dataclass(frozen=True)
 class RelightSettings:
@@ -34,6 +36,7 @@ class RelightSettings:
         bounce: diffuse bounces off the proxy, at most (0: what is occluded is black).
         capture_passes: times the proxy's colour and the base colour are refined from one another.
         edges: resolve antialiased pixels into the surfaces that they mix.
+        film: share of light that a pixel takes from each neighbour along an axis, where normals are of pixel centres.
         offset: metres that shadow rays start in front of the surface (a decimated proxy lies off the true one).
         march_steps: samples of a view-space march, where there is no proxy.
         thickness: metres behind the depth buffer that still occlude in the march; 0: estimated from the matte.
@@ -56,6 +59,7 @@ class RelightSettings:
     bounce: int = 2
     capture_passes: int = 1
     edges: bool = True
+    film: float = 0.08
     offset: float = 0.002
     march_steps: int = 24
     thickness: float = 0.0
@@ -76,6 +80,7 @@ class RelightSettings:
         for name in ("texels", "rows", "capture_texels", "clusters", "capture_clusters", "march_steps", "tile"):
             _require(getattr(self, name) >= 1, name, getattr(self, name), "at least 1")
         _require(self.detail > 0, "detail", self.detail, "above 0")
+        _require(0 <= self.film <= _BOX, "film", self.film, f"0 to {_BOX:.2f}, the mean of three")
         for name in ("error", "bounce", "capture_passes", "offset", "thickness"):
             _require(getattr(self, name) >= 0, name, getattr(self, name), "at least 0")
 

@@ -43,7 +43,7 @@ def floor_and_block():
 @pytest.mark.parametrize("metallic", [0.0, 0.3, 1.0])
 def test_the_capture_light_is_inverted_exactly(brdf, metallic):
     gbuffer, cam = sphere(metallic=metallic)
-    settings = RelightSettings.from_quality("draft", shadows=False, brdf=brdf, edges=False, film=0.0, texels=128, clusters=32)
+    settings = replace(DRAFT, shadows=False, brdf=brdf, texels=128, clusters=32)
     env = sky(16)
     plate = relight(
         gbuffer.base_color, gbuffer, cam, env, env, RelightSettings(**{**vars(settings), "base_color": "plate"})

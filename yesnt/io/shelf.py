@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 T = TypeVar("T")
 
-SHELF_BYTES = 96 << 20
-"""Enough for some dozen small frames or for one of HD; what is larger is read each time, so memory stays flat."""
+SHELF_BYTES = 48 << 20
+"""Enough for a dozen small frames; what is larger than a quarter is read each time. A long shot fills it and a short
+one does not, so it counts in how memory grows with length."""
 
 
 @dataclass(frozen=True)

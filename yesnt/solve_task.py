@@ -137,8 +137,9 @@ def solve_window(space: Workspace, window: Window, start: Float32 | None) -> tup
     data = listed(window, lambda frame: observed(space, frame))
     confidence = listed(window, lambda frame: space.read("trust", "confidence", frame))
     links = Links(space, window)
-    geometry = build_geometry(window.matte, Part(links, 0), Part(links, 1), window.fixed)
-    _loosen(geometry, space, window)
+    with space.kernel():  # it reads links as it goes; those are not counted
+        geometry = build_geometry(window.matte, Part(links, 0), Part(links, 1), window.fixed)
+        _loosen(geometry, space, window)
     lists = BlockLists(geometry, data, confidence, data if start is None else start)
     release_memory()  # what reading left on the shelf
     with space.kernel():

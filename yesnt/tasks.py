@@ -25,6 +25,7 @@ from yesnt.shot import Job, Shot
 from yesnt.workspace import Workspace
 
 if TYPE_CHECKING:
+    from yesnt.io.mesh import Mesh
     from yesnt.temporal.flow import Matcher
 
 Float32 = NDArray[np.float32]
@@ -98,14 +99,15 @@ def solve(space: Workspace) -> None:
 
 def relight(space: Workspace) -> None:
     """One frame: capture light out, new light in."""
-    from yesnt.relight import FrameInputs, Surface, relight_frame
+    from yesnt.relight import FrameInputs, ProxyScene, Surface, relight_frame
 
     job, frame = space.job, space.node.frames[0]
     camera = _camera(str(frame_path(job.root, job.shot.camera, 0)))
     plate, seen = space.plate(frame), space.surface(frame, camera)
     roughness, metallic = space.read("solve", "material", frame)
-    proxy = _proxy(job, frame)
+    mesh = _proxy(job, frame)
     with space.kernel():
+        proxy = None if mesh is None else ProxyScene.from_arrays(mesh.vertices, mesh.faces)
         surface = Surface(seen.normal, seen.z, plate.matte, roughness, metallic, camera, frame)
         light, captured = prepared_lights(space, surface)
         relit = relight_frame(FrameInputs(plate.color, surface), light, captured, proxy, of.relight_settings(job.shot))
@@ -196,15 +198,13 @@ def _exr_attributes(space: Workspace) -> dict[str, Any]:
     }
 
 
-def _proxy(job: Job, frame: int) -> Any:
-    """The proxy mesh of a frame as a scene to cast rays at, or None."""
+def _proxy(job: Job, frame: int) -> Mesh | None:
+    """The proxy mesh of a frame, or None."""
     if job.shot.proxy is None:
         return None
     from yesnt.io.mesh import read_mesh
-    from yesnt.relight import ProxyScene
 
-    mesh = read_mesh(frame_path(job.root, job.shot.proxy.path, frame))
-    return ProxyScene.from_arrays(mesh.vertices, mesh.faces)
+    return read_mesh(frame_path(job.root, job.shot.proxy.path, frame))
 
 
 def _matcher(job: Job, digest: str) -> Matcher:

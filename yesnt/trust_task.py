@@ -34,7 +34,8 @@ def trust(space: Workspace) -> None:
 
 
 def _commit(space: Workspace, frame: int, found: FrameTrust, limit: float) -> None:
-    values = _ensemble_confidence(space, frame) * found.weight
+    with space.kernel():
+        values = _ensemble_confidence(space, frame) * found.weight
     facts = {
         "inconsistent": [frame] if found.ratio > limit else [],
         "ratio": found.ratio, "distrusted": found.distrusted,

@@ -8,7 +8,7 @@ import os
 import platform
 import resource
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Hashable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from functools import cached_property
 from pathlib import Path
@@ -32,6 +32,9 @@ Float32 = NDArray[np.float32]
 
 _SHELF = Shelf()
 """Of this worker process; what it holds is never more than a copy of what is on the disk."""
+
+_MATTES = Shelf(8 << 20)
+"""Mattes as bits, a sixtieth of their plates: solving wants those of many frames, whose plates have left the shelf."""
 
 
 class Clock:
@@ -101,27 +104,26 @@ class Workspace:
 
     def plate(self, frame: int) -> capture.Plate:
         """The plate of a frame; not to be written to, since other stages share it."""
-        spec = self.job.shot.plate
-        identity = file_identity(frame_path(self.job.root, spec.path, frame))
+        key = self._plate_key(frame)
         with self.clock.reading_time():
-            return _SHELF.fetch(
-                ("plate", identity, spec.colorspace, self.job.width, self.job.height),
-                lambda: capture.read_plate(self.job, frame),
-                lambda plate: (plate.color, plate.matte),
+            plate = _SHELF.fetch(
+                ("plate", *key), lambda: capture.read_plate(self.job, frame), lambda plate: (plate.color, plate.matte)
             )
+            _MATTES.fetch(("matte", *key), lambda: _bits(plate), lambda bits: (bits,))
+        return plate
 
     def matte(self, frame: int) -> NDArray[np.bool_]:
-        """Where a frame's matte covers more than half of a pixel, [H, W]; not to be written to.
-
-        Kept beside the plate because the solver wants the mattes of many frames, and these are small.
-        """
-        identity = file_identity(frame_path(self.job.root, self.job.shot.plate.path, frame))
+        """Where a frame's matte covers more than half of a pixel, [H, W]."""
         with self.clock.reading_time():
-            return _SHELF.fetch(
-                ("matte", identity, self.job.width, self.job.height),
-                lambda: self.plate(frame).matte > 0.5,
-                lambda matte: (matte,),
-            )
+            key = ("matte", *self._plate_key(frame))
+            bits = _MATTES.fetch(key, lambda: _bits(self.plate(frame)), lambda bits: (bits,))
+            size = self.job.height * self.job.width
+            return np.unpackbits(bits, count=size).view(np.bool_).reshape(self.job.height, self.job.width)
+
+    def _plate_key(self, frame: int) -> tuple[Hashable, ...]:
+        spec = self.job.shot.plate
+        identity = file_identity(frame_path(self.job.root, spec.path, frame))
+        return identity, spec.colorspace, self.job.width, self.job.height
 
     def surface(self, frame: int, camera: Camera) -> capture.Surface:
         """The G-buffer of a frame, normals in world space; not to be written to."""
@@ -241,6 +243,11 @@ class Workspace:
         finally:
             logger.removeHandler(handler)
             handler.close()
+
+
+def _bits(plate: capture.Plate) -> NDArray[np.uint8]:
+    """Where a plate's matte covers more than half of a pixel, eight pixels a byte."""
+    return np.packbits(plate.matte > 0.5)
 
 
 def release_memory() -> None:

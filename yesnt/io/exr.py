@@ -104,6 +104,14 @@ def read_image(path: str | Path) -> ExrImage:
 read_exr = read_image
 
 
+def read_planes(path: Path) -> dict[str, NDArray[np.floating]]:
+    """Reads every channel of an EXR of our own, pixel types as stored: several times faster than OpenImageIO."""
+    import OpenEXR
+
+    with OpenEXR.File(str(path), separate_channels=True) as source:
+        return {name: channel.pixels for name, channel in source.channels().items()}
+
+
 def write_exr(
     path: Path,
     channels: Mapping[str, NDArray[np.floating]],
@@ -135,8 +143,7 @@ def write_exr(
     planes = {name: np.ascontiguousarray(plane) for name, plane in channels.items()}
 
     def prove(written: Path) -> None:
-        with OpenEXR.File(str(written), separate_channels=True) as source:
-            back = {name: channel.pixels for name, channel in source.channels().items()}
+        back = read_planes(written)
         for name, plane in planes.items():
             if name not in back or not np.array_equal(back[name].view(np.uint8), plane.view(np.uint8)):
                 raise CorruptError(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from yesnt.color import srgb_encode
 from yesnt.io.durable import durable_path
-from yesnt.io.exr import read_image
+from yesnt.io.exr import read_planes
 
 FRAMES_PER_SECOND = 24
 REEL = 24
@@ -103,7 +103,8 @@ def _shift(packet: Any, frames: int) -> None:
 
 def _display(path: Path) -> NDArray[np.uint8]:
     """The composite as sRGB bytes, cropped to even sides (4:2:0 needs them)."""
-    color = read_image(path).stack("RGB")
+    planes = read_planes(path)
+    color = np.stack([planes[name] for name in "RGB"], axis=-1).astype(np.float32)
     picture = (srgb_encode(color) * 255 + 0.5).astype(np.uint8)
     height, width = picture.shape[0] // 2 * 2, picture.shape[1] // 2 * 2
     return np.ascontiguousarray(picture[: max(height, 1), : max(width, 1)])

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 Receipt = dict[str, Any]
 Task = Callable[[Any, Node], Receipt]
 Listener = Callable[[Mapping[str, Any]], None]
+Place = tuple[int, int, int]
 
 HEARTBEAT_SECONDS = 2.0
 LOSS_SECONDS = 8.0
@@ -90,14 +91,14 @@ class Driver:
     ) -> None:
         self._context, self._graph, self._book, self._task = context, graph, book, task
         self._settings, self._listen = settings or DriverSettings(), listen
-        self._order = {node_id: i for i, node_id in enumerate(graph.nodes)}
-        self._rank = {stage: -i for i, stage in enumerate(graph.stages)}  # later stages first: drain what was begun
+        self._place = _places(graph)
         self._users = graph.users()
         self._waiting = {node.id: set(node.needs) for node in graph}
-        self._ready: list[tuple[int, int, NodeId]] = []
+        self._ready: list[tuple[Place, NodeId]] = []
         self._suspects: list[NodeId] = []
         self._running: dict[NodeId, Any] = {}  # of distributed.Future
         self._finished: queue.SimpleQueue[tuple[NodeId, Any]] = queue.SimpleQueue()
+        self._unread: list[tuple[Node, Any]] = []  # finished, and their users are on their way; receipts not fetched
         self._failures: dict[NodeId, int] = {}
         self._deaths: dict[NodeId, int] = {}
         self._outcome = Outcome()
@@ -138,9 +139,13 @@ class Driver:
 
         heartbeat = _Heartbeat(client)
         try:
-            while self._waiting:
-                self._fill(client, heartbeat.slots())
-                self._collect()
+            while self._waiting or self._unread:
+                started = self._fill(client, heartbeat.slots())
+                self._read_receipts()
+                for node, attempt in started:
+                    self._tell("start", node, attempt=attempt)
+                if self._running:
+                    self._collect()
         except CommClosedError as error:  # it may go while a receipt is on its way
             raise _lost("its connection broke") from error
         finally:
@@ -148,27 +153,32 @@ class Driver:
                 future.release()
         return self._outcome
 
-    def _fill(self, client: Client, slots: int) -> None:
-        """Keeps one task a slot under way; a suspect runs alone, so that a second death is its own."""
+    def _fill(self, client: Client, slots: int) -> list[tuple[Node, int]]:
+        """Keeps one task a slot under way; a suspect runs alone, so that a second death is its own.
+
+        Returns:
+            what it started, each with the number of the attempt.
+        """
         if self._suspects and not self._running:
-            self._submit(client, self._suspects.pop())
-            return
+            return [self._submit(client, self._suspects.pop())]
+        started = []
         while self._ready and len(self._running) < slots and not self._quarantine():
-            self._submit(client, heapq.heappop(self._ready)[2])
+            started.append(self._submit(client, heapq.heappop(self._ready)[1]))
+        return started
 
     def _quarantine(self) -> bool:
         return bool(self._suspects) or any(self._deaths.get(node_id) for node_id in self._running)
 
-    def _submit(self, client: Client, node_id: NodeId) -> None:
+    def _submit(self, client: Client, node_id: NodeId) -> tuple[Node, int]:
         node = self._graph.nodes[node_id]
         attempt = self._failures.get(node_id, 0) + self._deaths.get(node_id, 0)
         # The prefix before the hash groups the dashboard's bars by stage.
         key = (f"{node.stage}-{node.key}", node.index, attempt)
         future = client.submit(self._task, self._context, node, key=key, pure=False, retries=0)
         self._running[node_id] = future
-        self._tell("start", node, attempt=attempt)
         fault_point("driver.after_submit")
         future.add_done_callback(lambda done, node_id=node_id: self._finished.put((node_id, done)))
+        return node, attempt
 
     def _collect(self) -> None:
         """Waits for one task to end and takes all that have."""
@@ -188,17 +198,26 @@ class Driver:
             raise _lost("its futures are cancelled")
         del self._running[node_id]
         if status == "finished":
-            self._succeed(node, _received(future.result))
+            self._succeed(node)
+            self._unread.append((node, future))
         else:
             self._fail(node, _received(future.exception))
-        fault_point("driver.after_receipt")
 
-    def _succeed(self, node: Node, receipt: Receipt) -> None:
+    def _read_receipts(self) -> None:
+        """Fetches what finished tasks have to tell; their slots are filled before, so that no worker waits for it."""
+        while self._unread:
+            node, future = self._unread[0]
+            receipt: Receipt = _received(future.result)
+            self._unread.pop(0)
+            self._outcome.busy_seconds += receipt["seconds"]
+            self._outcome.kernel_seconds += receipt["kernel_seconds"]
+            self._tell("done", node, **receipt)
+            fault_point("driver.after_receipt")
+
+    def _succeed(self, node: Node) -> None:
+        """A finished task has committed its frames: what waited for them may start."""
         self._outcome.done.append(node.id)
-        self._outcome.busy_seconds += receipt["seconds"]
-        self._outcome.kernel_seconds += receipt["kernel_seconds"]
         self._waiting.pop(node.id)
-        self._tell("done", node, **receipt)
         for user in self._users[node.id]:
             if user in self._waiting:
                 self._waiting[user].discard(node.id)
@@ -245,10 +264,21 @@ class Driver:
                 stack.extend(self._users[user])
 
     def _push(self, node_id: NodeId) -> None:
-        heapq.heappush(self._ready, (self._rank[node_id[0]], self._order[node_id], node_id))
+        heapq.heappush(self._ready, (self._place[node_id], node_id))
 
     def _tell(self, event: str, node: Node, **facts: Any) -> None:
         self._listen({"event": event, "time": time.time(), "stage": node.stage, "frames": list(node.frames), **facts})
+
+
+def _places(graph: Graph) -> dict[NodeId, Place]:
+    """The order in which nodes that are ready start: deepest first, to drain what was begun; then frame by frame.
+
+    Stages of one depth (flow and decomposition) go through a shot side by side, so that a worker reads a plate once.
+    """
+    depth: dict[NodeId, int] = {}
+    for node in graph:
+        depth[node.id] = 1 + max((depth[need] for need in node.needs), default=0)
+    return {node.id: (-depth[node.id], node.frames[0], i) for i, node in enumerate(graph)}
 
 
 class _Heartbeat:

@@ -23,6 +23,9 @@ from yesnt.channels import CHANNELS
 from yesnt.errors import CorruptError
 from yesnt.io.durable import link_file, write_bytes
 
+_ZSTD_LEVEL = -1
+"""Three times as fast as level 1, for shards that are a tenth larger: float noise hardly shrinks, empty pixels do."""
+
 ArrayForm = str | tuple[str, int]
 """A channel's name, or with it the rows of a band."""
 
@@ -90,7 +93,7 @@ class FrameStore:
                 shards=(1, channel.components, rows * -(-height_of // rows), width),
                 chunks=(1, channel.components, rows, width),
                 serializer=BytesCodec(endian="little"),
-                compressors=(ZstdCodec(level=1), Crc32cCodec()),
+                compressors=(ZstdCodec(level=_ZSTD_LEVEL), Crc32cCodec()),
                 fill_value=float("nan"),
                 config={"write_empty_chunks": True},
                 dimension_names=("frame", "component", "y", "x"),

@@ -9,13 +9,14 @@ from yesnt.decompose.confidence import confidence
 from yesnt.solve_task import observed
 from yesnt.temporal.outliers import FrameTrust, OutlierSettings, frame_trust
 from yesnt.temporal.tracks import ObservedFrame
-from yesnt.workspace import Workspace
+from yesnt.workspace import Workspace, trim_memory
 
 Float32 = NDArray[np.float32]
 
 
 def trust(space: Workspace) -> None:
     """Commits the confidence of one chunk: 1 - sigma, less where a frame contradicts its neighbours."""
+    trim_memory()  # once a chunk is enough to keep a long shot's memory flat
     pending = set(space.pending())
     if not space.job.shot.temporal.robust:
         for frame in pending:

@@ -251,12 +251,17 @@ def _bits(plate: capture.Plate) -> NDArray[np.uint8]:
 
 
 def release_memory() -> None:
-    """Clears the shelf and gives freed pages back to the system (glibc; elsewhere they stay).
+    """Clears the shelf and gives freed pages back to the system.
 
     A worker keeps what it freed for its next frame (`cluster.ALLOCATOR`). Before a task whose own lists are large, that
     would stack the high water of one stage on another's.
     """
     _SHELF.clear()
+    trim_memory()
+
+
+def trim_memory() -> None:
+    """Gives freed pages back to the system (glibc; elsewhere they stay): holes between what lives longer add up."""
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:
         trim(0)

@@ -32,8 +32,8 @@ for shots whose bands would still be too large."""
 RESIDENT = 470e6
 """Bytes of a worker that has decomposed and relit frames, has cleared its shelf and given freed pages back."""
 
-DECOMPOSING, DECOMPOSING_PIXEL, MOST = 0.65e9, 300, 2e9
-"""Bytes of a worker that decomposes a frame, and of each pixel of it (measured: 0.61 to 0.64 GB at 256x384), and the
+DECOMPOSING, DECOMPOSING_PIXEL, MOST = 0.615e9, 300, 2e9
+"""Bytes of a worker that decomposes a frame, and of each pixel of it (measured: 0.58 to 0.62 GB at 256x384), and the
 most of it. Where a job does not say, the solver takes no more: a long shot needs no larger workers than a short one."""
 
 READING = 60

@@ -18,7 +18,7 @@ from yesnt.errors import JobError
 from yesnt.temporal import BlockLists, solve_lists
 from yesnt.temporal.geometry import Geometry, PackedMasks, build_geometry, loosen_frame
 from yesnt.temporal.outliers import BRIDGE
-from yesnt.workspace import Workspace, release_memory
+from yesnt.workspace import Workspace, release_memory, trim_memory
 
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -37,7 +37,12 @@ def solve(space: Workspace) -> None:
         from yesnt.joint_task import solve_jointly
 
         solve_jointly(space)
-        return
+    else:
+        _solve_block(space)
+    trim_memory()  # what follows would be stacked on the freed lists
+
+
+def _solve_block(space: Workspace) -> None:
     window = _window(space)
     value, facts = _value(space, window)
     pending = set(space.pending())

@@ -304,8 +304,12 @@ class _Heartbeat:
 
 def _received(fetch: Callable[..., Any]) -> Any:
     """What the scheduler holds of a task that has ended."""
+    from distributed.client import FutureCancelledError
+
     try:
         return fetch(timeout=LOSS_SECONDS)
+    except FutureCancelledError as error:
+        raise _lost("its futures are cancelled") from error
     except TimeoutError as error:
         raise _lost("it does not hand a result over") from error
 

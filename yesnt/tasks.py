@@ -79,7 +79,8 @@ def flow(space: Workspace) -> None:
         with space.kernel():
             match = None if job.shot.flow.weights is None else _matcher(job, space.node.fields["inputs"]["weights"])
             vectors, validity = flow_and_validity(now.color, then.color, now.matte, then.matte, settings, match)
-    facts = {"reach": min(vertical_reach(vectors, validity * (now.matte > 0.5)), job.height)}
+    with space.kernel():
+        facts = {"reach": min(vertical_reach(vectors, validity * (now.matte > 0.5)), job.height)}
     space.commit(frame, {"flow": vectors.transpose(2, 0, 1), "validity": validity[None]}, facts=facts)
 
 

@@ -18,7 +18,7 @@ from yesnt.errors import JobError
 from yesnt.temporal import BlockLists, solve_lists
 from yesnt.temporal.geometry import Geometry, PackedMasks, build_geometry, loosen_frame
 from yesnt.temporal.outliers import BRIDGE
-from yesnt.workspace import Workspace, release_memory, trim_memory
+from yesnt.workspace import Workspace, release_memory
 
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -27,22 +27,8 @@ SETTLED = 0.1
 """A block is left as it is if its border moved by less than this share of the tolerance since it was solved last."""
 
 
-def solve(space: Workspace) -> None:
-    """Commits the material of one block after one sweep, a joint sweep's, or a chunk's whole frames from its bands."""
-    if "parts" in space.node.arguments:
-        _join(space)
-        return
-    release_memory()
-    if "joint" in space.node.arguments:
-        from yesnt.joint_task import solve_jointly
-
-        solve_jointly(space)
-    else:
-        _solve_block(space)
-    trim_memory()  # what follows would be stacked on the freed lists
-
-
-def _solve_block(space: Workspace) -> None:
+def solve_block(space: Workspace) -> None:
+    """Commits the material of one block after one sweep."""
     window = _window(space)
     value, facts = _value(space, window)
     pending = set(space.pending())
@@ -218,7 +204,7 @@ def _dense(space: Workspace, window: Window, value: Float32, frame: int) -> Floa
     return dense[:, core.start - window.rows.start : core.stop - window.rows.start]
 
 
-def _join(space: Workspace) -> None:
+def join_bands(space: Workspace) -> None:
     """Puts a chunk's bands together; the record tells the worst of them."""
     parts: Mapping[int, Mapping[int, str]] = space.node.arguments["parts"]
     for frame in space.pending():

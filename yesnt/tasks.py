@@ -22,7 +22,7 @@ from yesnt.io.exr import write_exr
 from yesnt.io.jobfile import frame_path
 from yesnt.light_task import backdrop, prepared_lights
 from yesnt.shot import Job, Shot
-from yesnt.workspace import Workspace
+from yesnt.workspace import Workspace, release_memory, trim_memory
 
 if TYPE_CHECKING:
     from yesnt.io.mesh import Mesh
@@ -92,10 +92,16 @@ def trust(space: Workspace) -> None:
 
 
 def solve(space: Workspace) -> None:
-    """One chunk of one sweep of the temporal solve."""
-    from yesnt.solve_task import solve as run
+    """One sweep of the temporal solve: of a block or, jointly, of all frames; or a chunk's frames from its bands."""
+    from yesnt.joint_task import solve_jointly
+    from yesnt.solve_task import join_bands, solve_block
 
-    run(space)
+    if "parts" in space.node.arguments:
+        join_bands(space)
+        return
+    release_memory()
+    (solve_jointly if "joint" in space.node.arguments else solve_block)(space)
+    trim_memory()  # what follows would be stacked on the freed lists
 
 
 def relight(space: Workspace) -> None:

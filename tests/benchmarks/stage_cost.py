@@ -34,7 +34,8 @@ def main():
         total += minutes if name != "embedded" else 0
         part = "" if len(known) == len(keys) else f"  (counted up from {len(known)} of {len(keys)} jobs)"
         print(f"{name:10s} {minutes:6.1f} processor minutes{part}")
-    print(f"all but the embedded shot: {total:.0f} processor minutes, {total / options.cores:.0f} on {options.cores} cores")
+    wall = total / options.cores
+    print(f"all but the embedded shot: {total:.0f} processor minutes, {wall:.0f} on {options.cores} cores")
 
 
 if __name__ == "__main__":

@@ -2,9 +2,11 @@ import struct
 from pathlib import Path
 
 import numpy as np
+import OpenImageIO as oiio
 import pytest
 
 from yesnt.errors import JobError
+from yesnt.io import exr
 from yesnt.io.exr import EXR_COMPRESSIONS, read_header, read_image, write_exr
 
 PLANES = {
@@ -31,6 +33,39 @@ def test_unknown_compression_is_refused_before_anything_is_written(tmp_path: Pat
     with pytest.raises(ValueError, match="compression='dwaa' must be one of"):
         write_exr(tmp_path / "x.exr", PLANES, compression="dwaa")
     assert not list(tmp_path.iterdir())
+
+
+def _foreign(path: Path, tile: int, kind: str, parts: int = 1) -> np.ndarray:
+    """What another program might write: tiled, with integer channels, or in several parts."""
+    pixels = np.arange(16 * 16 * 2, dtype=np.float32).reshape(16, 16, 2) / 512
+    spec = oiio.ImageSpec(16, 16, 2, kind)
+    spec.channelnames, spec.tile_width, spec.tile_height = ("A", "Z"), tile, tile
+    output = oiio.ImageOutput.create(str(path))
+    assert output.open(str(path), (spec,) * parts)
+    for part in range(parts):
+        assert not part or output.open(str(path), spec, "AppendSubimage")
+        given = np.full_like(pixels, 9) if part else pixels
+        assert output.write_image((given * 512).astype(np.uint32) if kind == "uint" else given)
+    output.close()
+    return pixels
+
+
+@pytest.mark.parametrize(
+    ("tile", "kind", "parts", "plain"),
+    [(0, "half", 1, True), (0, "float", 1, True), (8, "half", 1, False), (0, "uint", 1, False), (0, "half", 2, False)],
+)
+def test_both_readers_see_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tile: int, kind: str, parts: int, plain: bool
+) -> None:
+    pixels, used = _foreign(tmp_path / "x.exr", tile, kind, parts), []
+    fast = exr.read_planes
+    monkeypatch.setattr(exr, "read_planes", lambda path: used.append(path) or fast(path))
+    image = read_image(tmp_path / "x.exr")
+    assert bool(used) == plain
+    if kind != "uint":  # OpenImageIO scales integers to 0 .. 1
+        for name, plane in zip("AZ", np.moveaxis(pixels, -1, 0), strict=True):
+            np.testing.assert_array_equal(image.channels[name], plane.astype(kind.replace("half", "float16")))
+    assert all(plane.dtype == np.float32 and plane.flags.c_contiguous for plane in image.channels.values())
 
 
 def test_truncated_file_is_refused(tmp_path: Path) -> None:

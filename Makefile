@@ -34,6 +34,7 @@ bench: $(READY)  ## ratios that the documentation quotes; writes nothing
 blender: .venv-blender/ready .venv-anny/ready  ## Blender and the parametric human, each in its own environment
 
 train: $(READY) .venv-anny/ready  ## the embedded model's weights anew, into training/ (hours; resumes)
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[train]'
 	$(BIN)/python -m yesnt.training training
 
 .venv-blender/ready:

@@ -5,11 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from scipy.stats import spearmanr
+from scipy.stats import mannwhitneyu, spearmanr
 
 from yesnt.color import straighten
 from yesnt.decompose.embedded import EmbeddedBackend
 from yesnt.decompose.ensemble import estimate_frame
+from yesnt.decompose.opinion import SURVEY_SIDE
 from yesnt.decompose.settings import EnsembleSettings
 from yesnt.decompose.weights import SHIPPED
 from yesnt.io.exr import read_image
@@ -36,15 +37,21 @@ def test_weights_are_small():
     assert SHIPPED.stat().st_size <= 10 << 20
 
 
+def test_they_hold_a_second_opinion():
+    assert EmbeddedBackend().survey_side == SURVEY_SIDE
+
+
 def test_threads_do_not_change_a_bit(context):
     backend, generator = EmbeddedBackend(), torch.Generator().manual_seed(0)
     rgb, matte = torch.rand(8, 3, 128, 128, generator=generator), torch.ones(8, 1, 128, 128)
+    whole = torch.rand(1, 4, SURVEY_SIDE, SURVEY_SIDE, generator=generator)
     noise = torch.randn(8, len(backend.noise_sigmas), 128, 128, generator=generator)
     threads, draws = torch.get_num_threads(), []
     try:
         for number in (1, 2):
             torch.set_num_threads(number)
-            draws.append(backend.sample(backend.encode(rgb, matte, context(8)), noise))
+            told = context(8)._replace(opinion=backend.survey(whole).expand(8, -1, -1, -1))
+            draws.append(backend.sample(backend.encode(rgb, matte, told), noise))
     finally:
         torch.set_num_threads(threads)
     assert torch.equal(*draws)
@@ -53,16 +60,18 @@ def test_threads_do_not_change_a_bit(context):
 def test_roughness_beats_the_best_constant(judged):
     truth, mean, _ = judged
     error = np.sqrt(np.mean((mean[0] - truth[0]) ** 2))
-    assert error < truth[0].std()
+    assert error < 0.985 * truth[0].std()
 
 
 def test_metal_is_told_from_the_rest(judged):
     truth, mean, _ = judged
     metal = truth[1] > 0.5
-    assert mean[1][metal].mean() > 2 * mean[1][~metal].mean()
+    ranks = mannwhitneyu(mean[1][metal], mean[1][~metal]).statistic
+    assert ranks / (metal.sum() * (~metal).sum()) > 0.9  # area under the curve
 
 
 def test_spread_is_larger_where_the_error_is(judged):
     truth, mean, std = judged
-    for plane in (0, 1):
-        assert spearmanr(std[plane], np.abs(mean - truth)[plane]).statistic > 0
+    roughness, metallic = (spearmanr(std[plane], np.abs(mean - truth)[plane]).statistic for plane in (0, 1))
+    assert roughness > 0.1
+    assert metallic > 0.5

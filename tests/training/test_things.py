@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from yesnt.decompose.network import at_patch
-from yesnt.training.synthetic.dataset import Patches, _draw_mix, crop, disguise, draw_patches, draw_picture
+from yesnt.training.synthetic.dataset import Patches, crop, disguise, draw_mix, draw_patches, draw_picture
 from yesnt.training.synthetic.light import COLUMNS, LEVELS, ROWS, Light, draw_light, environment_brdf
 from yesnt.training.synthetic.materials import CLASSES, MATERIAL, PRIOR, draw_class, paint
 from yesnt.training.synthetic.render import Rendering, render
@@ -176,7 +176,7 @@ def test_a_disguise_dyes_cloth_like_skin_and_leaves_the_truth():
 def test_turned_colours_keep_white_white_and_grey_grey(seed):
     example = crop(np.random.default_rng(seed), draw_picture(np.random.default_rng(seed), 144), 64)
     grey = dataclasses.replace(example, rgb=np.full_like(example.rgb, 0.5), whole=np.full_like(example.whole, 0.5))
-    mix = _draw_mix(np.random.default_rng(seed))
+    mix = draw_mix(np.random.default_rng(seed))
     np.testing.assert_allclose(grey.mixed(mix).rgb, 0.5, atol=1e-6)
     np.testing.assert_allclose(grey.mixed(mix).whole, 0.5, atol=1e-6)
     assert isinstance(example.mixed(mix), Patches)

@@ -145,6 +145,24 @@ class Expecting(Protocol):
         ...
 
 
+@runtime_checkable
+class Surveying(Protocol):
+    """What a backend offers besides, if it wants to see the whole subject before its patches.
+
+    Attributes:
+        survey_side: side in pixels of the picture that it is shown; 0: it asks for none.
+    """
+
+    @property
+    def survey_side(self) -> int:
+        """Side of the picture in pixels."""
+        ...
+
+    def survey(self, picture: torch.Tensor) -> torch.Tensor:
+        """Looks at the whole subject [1, 4, side, side]; `encode` is told the answer [1, C, s, s] with every patch."""
+        ...
+
+
 @dataclass(frozen=True)
 class Clip:
     """Frames of one window in order; a short one repeats its last frame, so that every clip is as long as the model's.

@@ -28,10 +28,12 @@ class ContextBatch(NamedTuple):
     Attributes:
         picture: [B, 4, CONTEXT_SIDE, CONTEXT_SIDE] straight linear rgb and matte of the whole subject.
         place: [B, 3] top, left and side of the patch, in sides of that picture.
+        opinion: [B, C, s, s] what the backend said of the whole subject when it was shown it; None: it was not.
     """
 
     picture: torch.Tensor
     place: torch.Tensor
+    opinion: torch.Tensor | None = None
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,7 @@ class Square:
             rows.start - self.top : rows.stop - self.top, columns.start - self.left : columns.stop - self.left
         ]
         square[inside] = planes[:, rows, columns].transpose(1, 2, 0)
-        small = cv2.resize(square, (side, side), interpolation=cv2.INTER_AREA)
+        small = cv2.resize(square, (side, side), interpolation=cv2.INTER_AREA if side < self.side else cv2.INTER_LINEAR)
         return np.ascontiguousarray(small.reshape(side, side, -1).transpose(2, 0, 1))
 
     def place(self, top: int, left: int, size: int) -> tuple[float, float, float]:
@@ -69,15 +71,16 @@ class Square:
         return (top - self.top) / self.side, (left - self.left) / self.side, size / self.side
 
 
-def small_picture(rgb: Float32, matte: Float32, square: Square) -> Float32:
-    """[4, CONTEXT_SIDE, CONTEXT_SIDE] straight rgb and matte.
+def small_picture(rgb: Float32, matte: Float32, square: Square, side: int = CONTEXT_SIDE) -> Float32:
+    """[4, side, side] straight rgb and matte.
 
     Args:
         rgb: [3, H, W] straight linear Rec.709.
         matte: [H, W] coverage.
         square: what to show.
+        side: in pixels.
     """
-    small = square.shrink(np.concatenate([rgb * matte, matte[None]]))
+    small = square.shrink(np.concatenate([rgb * matte, matte[None]]), side)
     colour = small[:3] / np.maximum(small[3:], 1 / 64)
     return np.concatenate([np.where(small[3:] > 1 / 64, colour, 0), small[3:]]).astype(np.float32)
 

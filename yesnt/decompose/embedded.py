@@ -10,18 +10,19 @@ from torch.nn import functional
 from yesnt.decompose.backend import Licence
 from yesnt.decompose.context import ContextBatch
 from yesnt.decompose.latents import default_device
-from yesnt.decompose.network import noised
+from yesnt.decompose.network import at_patch, noised
+from yesnt.decompose.opinion import SURVEY_SIDE, heard
 from yesnt.decompose.threads import one_thread
 from yesnt.decompose.weights import SHIPPED, SMOOTH_SIGMAS, file_digest, load_weights
 
 PRIOR_ROUGHNESS = 0.564
 """Mean roughness of the painted classes by their frequency (`training/synthetic/materials.py`)."""
 
-TRUST = 0.6
-"""How far the expected roughness may leave the prior's mean, as a share of how far the reader would go.
+TRUST = 0.9
+"""How far the expected roughness may leave the prior's mean, as a share of how far reader and second opinion would go.
 
-Real shots are another world than the training's pictures: there the reader goes too far. Chosen on the embedded shot
-(`tests/benchmarks/decompose_trust.py`); metal is told well enough to be left alone.
+Real shots are another world than the training's pictures: there they go too far. Chosen so that both the embedded shot
+and the stage's objects gain (`tests/benchmarks/decompose_opinion.py`); metal is told well enough to be left alone.
 """
 
 
@@ -47,19 +48,34 @@ class EmbeddedBackend:
         self._network = network.to(self._device)
         self.weights_digest = file_digest(path)
         self.evaluations = steps
+        self.survey_side = SURVEY_SIDE if self._network.opinion else 0
         self.noise_sigmas = (0.0, 0.0, *SMOOTH_SIGMAS) * steps
 
     @one_thread()
     @torch.no_grad()
     def encode(self, rgb: torch.Tensor, matte: torch.Tensor, context: ContextBatch) -> torch.Tensor:
         """[8, 3, P, P] and [8, 1, P, P] to [8, C, P/2, P/2]."""
-        told = ContextBatch(*(plane.to(self._device) for plane in context))
-        return self._network.reader(rgb.to(self._device), matte.to(self._device), told)
+        place = context.place.to(self._device)
+        told = ContextBatch(context.picture.to(self._device), place)
+        condition = self._network.reader(rgb.to(self._device), matte.to(self._device), told)
+        if self._network.opinion is None:
+            return condition
+        if context.opinion is None:  # who was shown no whole subject agrees with the reader
+            return heard(condition, condition[:, :2])
+        return heard(condition, at_patch(context.opinion.to(self._device), place, condition.shape[-1]))
+
+    @one_thread()
+    @torch.no_grad()
+    def survey(self, picture: torch.Tensor) -> torch.Tensor:
+        """[1, 4, S, S] of the whole subject to the second opinion [1, 2, S/4, S/4]."""
+        if self._network.opinion is None:
+            raise ValueError("these weights hold no second opinion (`survey_side` is 0)")
+        return self._network.opinion(picture.to(self._device))
 
     @one_thread()
     @torch.no_grad()
     def expect(self, condition: torch.Tensor) -> torch.Tensor:
-        """What the reader expects, which training makes the mean of all draws, roughness drawn to the prior."""
+        """What reader and second opinion expect, the mean of all draws by training, roughness drawn to the prior."""
         mean = self._read(condition)
         return torch.cat([mean[:, :1] - _excess(mean), mean[:, 1:]], 1)
 

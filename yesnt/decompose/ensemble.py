@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from yesnt.decompose.backend import Backend, Expecting
+from yesnt.decompose.backend import Backend, Expecting, Surveying
 from yesnt.decompose.blend import Patch, PatchGrid, PatchSum
 from yesnt.decompose.confidence import confidence as confidence
 from yesnt.decompose.context import ContextBatch, Square, small_picture
@@ -125,7 +126,7 @@ def _uncovered(
 class _Picture:
     """A frame padded to at least one patch: rgb [3, H, W], matte [H, W]; `shape` is the frame's own.
 
-    `whole` is the subject in small, [4, side, side], and `square` what it shows.
+    `whole` is the subject in small, [4, side, side], `square` what it shows, `backend` who is to read it.
     """
 
     grid: PatchGrid
@@ -134,6 +135,7 @@ class _Picture:
     shape: tuple[int, ...]
     square: Square
     whole: Float32
+    backend: Backend
 
     @classmethod
     def prepare(cls, rgb: Float32, matte: Float32, backend: Backend, settings: EnsembleSettings) -> _Picture:
@@ -153,13 +155,22 @@ class _Picture:
         planes, cover = clean.transpose(2, 0, 1), matte.astype(np.float32)
         square = Square.around(cover)
         whole = small_picture(planes, cover, square)
-        return cls(grid, np.pad(planes, ((0, 0), *pad)), np.pad(cover, pad), matte.shape, square, whole)
+        return cls(grid, np.pad(planes, ((0, 0), *pad)), np.pad(cover, pad), matte.shape, square, whole, backend)
+
+    @cached_property
+    def opinion(self) -> torch.Tensor | None:
+        """What the backend says of the whole subject; asked for once, and only if a patch is drawn."""
+        if not isinstance(self.backend, Surveying) or not self.backend.survey_side:
+            return None
+        picture = small_picture(self.rgb, self.matte, self.square, self.backend.survey_side)
+        return self.backend.survey(torch.from_numpy(picture)[None])
 
     def context(self, patches: Sequence[Patch], rows: int) -> ContextBatch:
         """What `rows` rows are told of the whole; rows without a patch are told of its corner."""
         places = np.zeros((rows, 3), np.float32)
         places[: len(patches)] = [self.square.place(p.top, p.left, self.grid.size) for p in patches]
-        return ContextBatch(torch.from_numpy(self.whole).expand(rows, -1, -1, -1), torch.from_numpy(places))
+        told = None if self.opinion is None else self.opinion.expand(rows, -1, -1, -1)
+        return ContextBatch(torch.from_numpy(self.whole).expand(rows, -1, -1, -1), torch.from_numpy(places), told)
 
     def finished(self, planes: NDArray[np.float64]) -> Float32:
         """Planes [..., H, W] without padding, 0 outside the matte."""

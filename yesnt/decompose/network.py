@@ -12,6 +12,7 @@ from torch import nn
 from torch.nn import functional as F
 
 from yesnt.decompose.context import ContextBatch
+from yesnt.decompose.opinion import Opinion
 from yesnt.decompose.statistics import STATISTICS, colour_code, surroundings
 
 
@@ -26,6 +27,7 @@ class NetworkShape:
         denoiser: channels of the denoiser at 1/2 and 1/4 resolution.
         smooth_planes: noise planes besides the two of the state.
         context: channels of the U-Net that reads the whole subject, at 1/2, 1/4, ... of the small picture.
+        opinion: hidden channels of the perceptron that gives a second opinion; none: there is no second opinion.
     """
 
     widths: tuple[int, ...] = (32, 64, 128, 208)
@@ -34,6 +36,12 @@ class NetworkShape:
     denoiser: tuple[int, int] = (32, 64)
     smooth_planes: int = 3
     context: tuple[int, ...] = (24, 48, 72, 80)
+    opinion: tuple[int, ...] = ()
+
+    @property
+    def told(self) -> int:
+        """Channels of what the denoiser is told: with a second opinion also how far the two are apart."""
+        return self.condition + (2 if self.opinion else 0)
 
     def header(self) -> str:
         """The sizes as JSON."""
@@ -248,7 +256,7 @@ class Denoiser(nn.Module):
         a, b = shape.denoiser
         time = 4 * a
         self.time = nn.Sequential(nn.Linear(2, time), nn.SiLU(), nn.Linear(time, time), nn.SiLU())
-        self.stem = nn.Conv2d(8 + shape.smooth_planes + shape.condition, a, 3, padding=1)
+        self.stem = nn.Conv2d(8 + shape.smooth_planes + shape.told, a, 3, padding=1)
         self.down = nn.Conv2d(a, b, 2, stride=2)
         self.middle = nn.ModuleList([Block(b, time) for _ in range(2)])
         self.merge, self.last = Merge(a, b, PixelNorm), Block(a, time)
@@ -262,7 +270,7 @@ class Denoiser(nn.Module):
         Args:
             state: [B, 2, P, P] x_t, about unit variance.
             smooth: [B, smooth_planes, P, P] noise.
-            condition: [B, condition, P/2, P/2].
+            condition: [B, told, P/2, P/2].
             time: [B] in (0, 1], 1 is pure noise.
 
         Returns:
@@ -281,13 +289,14 @@ class Denoiser(nn.Module):
 
 
 class Network(nn.Module):
-    """Reader and denoiser together."""
+    """Reader and denoiser together, and who is asked for a second opinion."""
 
     def __init__(self, shape: NetworkShape) -> None:
         super().__init__()
         self.shape = shape
         self.reader = Reader(shape)
         self.denoiser = Denoiser(shape)
+        self.opinion = Opinion(*shape.opinion) if shape.opinion else None
 
 
 def noised(clean: torch.Tensor, noise: torch.Tensor, time: torch.Tensor) -> torch.Tensor:

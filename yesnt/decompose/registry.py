@@ -100,7 +100,7 @@ _LATENT = {"steps": int, "patch": int, "batch": int, "precision": str}
 _VIDEO = {"steps": int, "window": int, "window_overlap": int}
 
 ENTRIES = {
-    "embedded": Entry(Licence("Apache-2.0", commercial=True), 4, _embedded, _embedded_footprint, {"steps": int}),
+    "embedded": Entry(Licence("Apache-2.0", commercial=True), 5, _embedded, _embedded_footprint, {"steps": int}),
     "marigold": Entry(
         Licence("OpenRAIL++-M", commercial=True), 2, _marigold, _marigold_footprint, _LATENT, MARIGOLD
     ),

@@ -1,4 +1,4 @@
-"""`python -m yesnt.training FOLDER`: bodies, people, things, then weights; resumes what was begun."""
+"""`python -m yesnt.training FOLDER`: bodies, people, things, weights, second opinion; resumes what was begun."""
 
 from __future__ import annotations
 
@@ -10,11 +10,15 @@ from pathlib import Path
 
 import torch
 
-from yesnt.decompose.network import NetworkShape
+from yesnt.decompose.network import Network, NetworkShape
+from yesnt.decompose.weights import load_weights
 from yesnt.stage.tools import anny_only
 from yesnt.training.bodies import make_bodies
+from yesnt.training.opinion import OpinionSettings, make_opinion
 from yesnt.training.pictures import everybody, make_person, make_thing
+from yesnt.training.surveys import subjects
 from yesnt.training.trainer import Trainer, TrainingSettings, train
+from yesnt.training.weighing import Weigher, WeighingSettings, weigh, with_opinion
 
 log = logging.getLogger("yesnt.train")
 
@@ -34,7 +38,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     if options.only != "weights":
         _make_things(options.folder, settings)
     if options.only != "pictures":
-        _train(options.folder, settings)
+        network = load_weights(options.base)[0] if options.base else _train(options.folder, settings)
+        if options.opining:
+            _hear(options.folder, settings, network, options)
     return 0
 
 
@@ -46,6 +52,11 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--drawing", type=int, default=TrainingSettings.drawing, help="steps of learning to draw")
     parser.add_argument("--settling", type=int, default=TrainingSettings.settling, help="steps of the world as it is")
+    parser.add_argument("--base", type=Path, help="weights to start from, in place of these three parts")
+    parser.add_argument(
+        "--opining", type=int, default=OpinionSettings.steps, help="steps of the second opinion; 0: there is none"
+    )
+    parser.add_argument("--weighing", type=int, default=WeighingSettings.steps, help="steps of weighing the two")
     parser.add_argument("--people", type=int, default=TrainingSettings.people, help="0: none, without `anny`")
     parser.add_argument("--things", type=int, default=TrainingSettings.things, help="single things; 0: none")
     parser.add_argument("--seed", type=int, default=0)
@@ -69,7 +80,7 @@ def _make_things(folder: Path, settings: TrainingSettings) -> None:
     log.info("%d things, %d of them new", settings.things, made)
 
 
-def _train(folder: Path, settings: TrainingSettings) -> None:
+def _train(folder: Path, settings: TrainingSettings) -> Network:
     trainer = Trainer(settings, NetworkShape(), folder)
     checkpoint = folder / "checkpoint.pt"
     if checkpoint.exists():
@@ -78,6 +89,18 @@ def _train(folder: Path, settings: TrainingSettings) -> None:
     for step, loss in train(trainer, folder):
         rate = (step - begun) / (time.monotonic() - start)
         log.info("step %d of %d, loss %.4f, %.2f steps/s", step, settings.steps, loss, rate)
+    return trainer.averaged.eval()
+
+
+def _hear(folder: Path, settings: TrainingSettings, network: Network, options: argparse.Namespace) -> None:
+    learnt, kept = subjects(folder, settings.seed, settings.people, settings.things)
+    opinion = make_opinion(folder, OpinionSettings(settings.seed, steps=options.opining), learnt, kept)
+    weigher = Weigher(WeighingSettings(settings.seed, options.weighing), with_opinion(network, opinion), kept)
+    checkpoint = folder / "weighing.pt"
+    if checkpoint.exists():
+        weigher.resume(checkpoint)
+    for step, loss in weigh(weigher, folder):
+        log.info("weighing, step %d of %d, loss %.4f", step, options.weighing, loss)
 
 
 if __name__ == "__main__":

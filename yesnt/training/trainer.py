@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from yesnt.decompose.network import Network, NetworkShape, noised
-from yesnt.decompose.noise_planes import member_noise
-from yesnt.decompose.weights import PATCH, SMOOTH_SIGMAS, channels_last, save_weights
+from yesnt.decompose.network import Network, NetworkShape
+from yesnt.decompose.weights import PATCH, channels_last, save_weights
 from yesnt.errors import JobError
+from yesnt.training.draws import Draws
 from yesnt.training.losses import energy_score, reading_loss, whole_loss
 from yesnt.training.pictures import (
     PEOPLE,
@@ -110,7 +110,7 @@ class Trainer:
         ]
         self.optimiser = torch.optim.AdamW(groups, lr=settings.rate, weight_decay=0.02, betas=(0.9, 0.98))
         self.step = 0
-        self._noise = _noise_pool(settings.seed, settings.patch)
+        self._draws = Draws(settings.seed, settings.patch)
 
     def advance(self) -> float:
         """One optimiser step; returns its loss."""
@@ -173,10 +173,10 @@ class Trainer:
         there = self._people[: s.first + self.step // s.every]
         people = [number for number in there if habits_of(number) == habits]
         path = person_path(self.folder, s.seed, people[int(rng.integers(len(people)))])
-        _await(path)
+        await_picture(path)
         views = open_views(path)
         picture = views[int(rng.integers(len(views)))]
-        shrink = _draw_shrink(rng)
+        shrink = draw_shrink(rng)
         if rng.random() < self._variety.disguised:
             picture = disguise(rng, picture)
         return crop(rng, picture, s.patch, shrink, self._variety.turned)
@@ -185,10 +185,10 @@ class Trainer:
         """A crop of one of the single things."""
         s = self.settings
         path = thing_path(self.folder, s.seed, int(rng.integers(s.things)))
-        _await(path)
+        await_picture(path)
         views = open_views(path)
         picture = views[int(rng.integers(len(views)))]
-        return crop(rng, picture, s.patch, _draw_shrink(rng), self._variety.turned)
+        return crop(rng, picture, s.patch, draw_shrink(rng), self._variety.turned)
 
     @property
     def _settled(self) -> bool:
@@ -207,16 +207,16 @@ class Trainer:
         """Learning rates of reader and denoiser."""
         s = self.settings
         if self._settled:
-            rate = 0.4 * s.rate * _course(self.step - s.reading - s.drawing, s.settling)
+            rate = 0.4 * s.rate * course(self.step - s.reading - s.drawing, s.settling)
             return rate, rate
         if self.step < s.reading:
-            return s.rate * _course(self.step, s.reading), 0.0
-        rate = s.rate * _course(self.step - s.reading, s.drawing)
+            return s.rate * course(self.step, s.reading), 0.0
+        rate = s.rate * course(self.step - s.reading, s.drawing)
         return rate / 5, rate
 
     def _loss(self, patches: Patches) -> torch.Tensor:
         rgb, matte, truth, kind, whole, place, whole_truth, whole_kind = (
-            torch.from_numpy(np.ascontiguousarray(plane)) for plane in patches.planes()
+            torch.from_numpy(np.ascontiguousarray(plane)) for plane in patches.planes()[:-1]
         )
         clean = 2 * truth - 1
         features = self.network.reader.context(whole)
@@ -228,47 +228,21 @@ class Trainer:
         if self.step < self.settings.reading:
             return loss
         # Two random draws give signs, not errors: a noisy gradient, which passed down would undo what was read.
-        return loss + energy_score(*self._draws(condition.detach(), clean), clean, weights)
-
-    def _draws(self, condition: torch.Tensor, clean: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Two independent draws for every patch, each from its own noise at the patch's random time."""
-        generator = torch.Generator().manual_seed(self.settings.seed * 1_000_003 + self.step)
-        rows = len(clean)
-        # Half of the rows start from pure noise, which is what the first sampling step does.
-        times = torch.rand(rows, generator=generator).mul(0.9).add(0.05)
-        times[: rows // 2] = 1.0
-        times = times[torch.randperm(rows, generator=generator)]
-        state = noised(clean, torch.randn(clean.shape, generator=generator), times)
-        # Pure-noise rows get fresh noise in both draws: there the state is nothing but a source of chance.
-        fresh = torch.randn(clean.shape, generator=generator)
-        other = torch.where((times == 1)[:, None, None, None], fresh, state)
-        smooth = self._smooth(generator, 2 * rows, clean.shape[-1])
-        drawn = self.network.denoiser(
-            torch.cat([state, other]), smooth, torch.cat([condition, condition]), torch.cat([times, times])
-        )
-        first, second = drawn.chunk(2)
-        return first, second
-
-    def _smooth(self, generator: torch.Generator, rows: int, patch: int) -> torch.Tensor:
-        """Crops of ready noise fields, of different fields for the two draws of one patch."""
-        fields = torch.randperm(len(self._noise), generator=generator)[:rows].tolist()
-        places = torch.randint(0, self._noise.shape[-1] - patch, (rows, 2), generator=generator).tolist()
-        return torch.stack(
-            [self._noise[f, :, y : y + patch, x : x + patch] for f, (y, x) in zip(fields, places, strict=True)]
-        )
+        draws = self._draws.pair(self.network.denoiser, condition.detach(), clean, self.step)
+        return loss + energy_score(*draws, clean, weights)
 
 
-def _course(done: int, length: int) -> float:
+def course(done: int, length: int) -> float:
     """Share of the highest rate: a linear warm-up, then a cosine to a fiftieth."""
     return min(1.0, (done + 1) / 100) * (0.02 + 0.98 * 0.5 * (1 + float(np.cos(np.pi * done / length))))
 
 
-def _draw_shrink(rng: np.random.Generator) -> float:
+def draw_shrink(rng: np.random.Generator) -> float:
     """How many times its size of a picture a patch shows."""
     return float(np.exp(rng.uniform(0, 0.5))) if rng.random() < 0.4 else 1.0
 
 
-def _await(path: Path) -> None:
+def await_picture(path: Path) -> None:
     """Waits for a picture that is being made beside the training."""
     waited = 0.0
     while not path.exists():
@@ -281,12 +255,6 @@ def _await(path: Path) -> None:
             )
         time.sleep(1.0)
         waited += 1.0
-
-
-def _noise_pool(seed: int, patch: int, count: int = 96) -> torch.Tensor:
-    """[count, smooth planes, side, side] ready fields: blurring anew at every step would cost more than the network."""
-    side = 2 * patch
-    return torch.from_numpy(np.stack([member_noise((seed, -1, k), side, side, SMOOTH_SIGMAS) for k in range(count)]))
 
 
 def train(trainer: Trainer, folder: Path, every: int = 100) -> Iterator[tuple[int, float]]:

@@ -34,6 +34,7 @@ class Patches:
         place: [n, 3] top, left and side of the patch, in sides of `whole`.
         whole_truth: [n, 3, S/4, S/4] roughness, metallic and coverage of the subject in small.
         whole_kind: [n, S/4, S/4] int64 its class, -1 outside the matte.
+        survey: [n, 4, V, V] as `whole`, larger; V = 0: not asked for.
     """
 
     rgb: Float32
@@ -44,6 +45,7 @@ class Patches:
     place: Float32
     whole_truth: Float32
     whole_kind: NDArray[np.int64]
+    survey: Float32
 
     def planes(self) -> tuple[NDArray[np.generic], ...]:
         """All attributes in order."""
@@ -67,8 +69,11 @@ class Patches:
 
     def mixed(self, mix: Float32) -> Patches:
         """A single example in other colours, [3, 3] from the old."""
-        whole = np.concatenate([np.einsum("ij,jyx->iyx", mix, self.whole[:3]), self.whole[3:]])
-        return replace(self, rgb=np.einsum("ij,jyx->iyx", mix, self.rgb), whole=whole)
+        whole, survey = (
+            np.concatenate([np.einsum("ij,jyx->iyx", mix, picture[:3]), picture[3:]])
+            for picture in (self.whole, self.survey)
+        )
+        return replace(self, rgb=np.einsum("ij,jyx->iyx", mix, self.rgb), whole=whole, survey=survey)
 
     def transposed(self) -> Patches:
         """A single example with rows and columns exchanged."""
@@ -113,7 +118,14 @@ def draw_picture(rng: np.random.Generator, size: int, habits: Habits = EVERYDAY)
             return render(scene.geometry, scene.paints(), draw_light(rng))
 
 
-def crop(rng: np.random.Generator, picture: Rendering, patch: int, shrink: float = 1.0, turned: float = 0.0) -> Patches:
+def crop(
+    rng: np.random.Generator,
+    picture: Rendering,
+    patch: int,
+    shrink: float = 1.0,
+    turned: float = 0.0,
+    survey: int = 0,
+) -> Patches:
     """A random patch, a single example, with at least a twelfth of it inside the matte (best of ten tries).
 
     Args:
@@ -122,6 +134,7 @@ def crop(rng: np.random.Generator, picture: Rendering, patch: int, shrink: float
         patch: side P.
         shrink: the patch shows so many times its size of the picture, averaged.
         turned: probability that the colours are turned.
+        survey: side of a larger picture of the whole subject; 0: none.
     """
     side = min(round(patch * shrink), *picture.matte.shape)
     room = np.array(picture.matte.shape) - side + 1
@@ -130,19 +143,19 @@ def crop(rng: np.random.Generator, picture: Rendering, patch: int, shrink: float
     good = [k for k, share in enumerate(shares) if share > 1 / 12]
     y, x = places[good[0] if good else int(np.argmax(shares))]
     planes = _window(picture, np.s_[..., y : y + side, x : x + side], patch)
-    rgb, matte, gain = _expose(rng, planes[:3], planes[3])
+    rgb, matte, gain = expose(rng, planes[:3], planes[3])
     square = Square.around(picture.matte.astype(np.float32))
     example = Patches(
         rgb, matte[None], planes[4:6], planes[6].astype(np.int64),
-        _whole(picture, square, gain), np.array(square.place(int(y), int(x), side), np.float32),
-        *_whole_truth(picture, square),
+        _whole(picture, square, gain, CONTEXT_SIDE), np.array(square.place(int(y), int(x), side), np.float32),
+        *whole_truth(picture, square, CONTEXT_SIDE // 4), _whole(picture, square, gain, survey),
     )  # fmt: skip
     if rng.random() < 0.5:
         example = example.mirrored()
     if rng.random() < 0.1:
         example = example.transposed()
     if turned > 0 and rng.random() < turned:
-        example = example.mixed(_draw_mix(rng))
+        example = example.mixed(draw_mix(rng))
     return example
 
 
@@ -167,7 +180,7 @@ def disguise(rng: np.random.Generator, picture: Rendering) -> Rendering:
     return replace(picture, rgb=rgb)
 
 
-def _draw_mix(rng: np.random.Generator) -> Float32:
+def draw_mix(rng: np.random.Generator) -> Float32:
     """[3, 3] new colours from old: channels exchanged, half of the time paler as well, down to grey.
 
     Under white light that is the picture of a world in these colours: rows sum to 1, so a white highlight stays white.
@@ -177,17 +190,18 @@ def _draw_mix(rng: np.random.Generator) -> Float32:
     return (strength * np.eye(3)[rng.permutation(3)] + (1 - strength) / 3).astype(np.float32)
 
 
-def _whole(picture: Rendering, square: Square, gain: Float32) -> Float32:
+def _whole(picture: Rendering, square: Square, gain: Float32, side: int) -> Float32:
     """The subject in small, exposed like the patch; what noise the camera adds is averaged away."""
+    if side == 0:
+        return np.zeros((4, 0, 0), np.float32)
     matte = picture.matte.astype(np.float32)
     straight = picture.rgb.astype(np.float32) / np.maximum(matte, 1 / 512)
-    small = small_picture(straight.astype(np.float32), matte, square)
+    small = small_picture(straight.astype(np.float32), matte, square, side)
     return np.concatenate([small[:3] * gain[:, None, None], small[3:]]).astype(np.float32)
 
 
-def _whole_truth(picture: Rendering, square: Square) -> tuple[Float32, NDArray[np.int64]]:
-    """Roughness, metallic and coverage [3, S/4, S/4] in small, and the class."""
-    side = CONTEXT_SIDE // 4
+def whole_truth(picture: Rendering, square: Square, side: int) -> tuple[Float32, NDArray[np.int64]]:
+    """Roughness, metallic and coverage [3, side, side] of the subject in small, and the class."""
     matte = picture.matte.astype(np.float32)
     small = square.shrink(np.concatenate([picture.truth * matte, matte[None]]), side)
     middle = square.side * (np.arange(side) + 0.5) / side
@@ -211,7 +225,7 @@ def _window(picture: Rendering, window: Any, patch: int) -> Float32:
     return planes
 
 
-def _expose(rng: np.random.Generator, rgb: Float32, matte: Float32) -> tuple[Float32, Float32, Float32]:
+def expose(rng: np.random.Generator, rgb: Float32, matte: Float32) -> tuple[Float32, Float32, Float32]:
     """The camera: blur, exposure, colour cast, shot and read noise; then the colour is made straight.
 
     Args:

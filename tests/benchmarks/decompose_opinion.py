@@ -1,0 +1,96 @@
+"""The embedded model on shots with truth: errors against the share of trust, metal, and what the spread is worth.
+
+python tests/benchmarks/decompose_opinion.py FOLDER... [--weights FILE] [--samples 8] [--picture OUT.png]
+
+Each FOLDER holds plate.####.exr and truth/material.####.exr; its middle frame is judged, opacity above 0.99. Columns:
+the error of what is expected of roughness (before any draw) for every share of `embedded.TRUST`, and of the best
+constant of that shot; the metallic's area under the curve (nan where there is no metal, or nothing else); rank
+correlation of the ensemble's spread with its error, roughness and metallic. Last the root mean squares, the best single
+roughness for all, and the means of the rest.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+from decompose_accuracy import Regression, area_under_curve, rmse, strip
+from scipy.stats import spearmanr
+
+from yesnt.color import straighten
+from yesnt.decompose.embedded import PRIOR_ROUGHNESS, TRUST, EmbeddedBackend
+from yesnt.decompose.ensemble import estimate_frame
+from yesnt.decompose.settings import EnsembleSettings
+from yesnt.decompose.weights import SHIPPED
+from yesnt.io.exr import read_image
+
+SHARES = (0.0, 0.6, 0.7, 0.8, 0.9, 1.0)
+
+
+def middle(folder):
+    """Plate, matte [H, W] and truth [H, W, 2] of the middle frame that has a truth, and its number."""
+    paths = sorted(folder.rglob("material.*.exr"))
+    path = paths[len(paths) // 2]
+    number = path.name.split(".")[1]
+    plate = read_image(next(folder.rglob(f"plate.{number}.exr"))).stack("RGBA")
+    truth = read_image(path).stack(["roughness.Y", "metallic.Y"])
+    return plate, plate[..., 3], truth, int(number)
+
+
+def judge(folder, backend, samples):
+    """Figures of a folder, its truth of roughness, and a picture of it."""
+    plate, matte, truth, number = middle(folder)
+    rgb, inside = straighten(plate[..., :3], matte), matte > 0.99
+    read = estimate_frame(rgb, matte, Regression(backend), EnsembleSettings(1), 0, number).mean
+    drawn = estimate_frame(rgb, matte, backend, EnsembleSettings(samples), 0, number)
+    rough, metal = truth[inside].T
+    free = PRIOR_ROUGHNESS + (read[0][inside] - PRIOR_ROUGHNESS) / TRUST
+    figures = [rmse(PRIOR_ROUGHNESS + share * (free - PRIOR_ROUGHNESS) - rough) for share in SHARES]
+    figures += [rough.std(), area_under_curve(read[1][inside], metal > 0.5)]
+    error = np.abs(drawn.mean[:, inside] - [rough, metal])
+    figures += [spearmanr(drawn.std[p][inside], error[p]).statistic for p in (0, 1)]
+    return figures, rough, strip(plate[..., :3], truth.transpose(2, 0, 1) * matte, drawn.mean, drawn.std)
+
+
+def summary(name, rows, roughness):
+    """Root mean squares of the errors, means of the rest, and the error of one roughness for all."""
+    rows = np.array(rows)
+    count = len(SHARES)
+    errors = np.sqrt(np.mean(rows[:, :count] ** 2, 0))
+    best = np.mean([r.mean() for r in roughness])  # every shot counts alike
+    constant = np.sqrt(np.mean([np.mean((r - best) ** 2) for r in roughness]))
+    show(name, [*errors, constant, *np.nanmean(rows[:, count + 1 :], 0)])
+
+
+def show(name, figures):
+    print(name.ljust(22), *(f"{figure:7.4f}" for figure in figures))
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folders", type=Path, nargs="+")
+    parser.add_argument("--weights", type=Path, default=SHIPPED)
+    parser.add_argument("--samples", type=int, default=8)
+    parser.add_argument("--picture", type=Path)
+    options = parser.parse_args()
+    torch.set_num_threads(1)
+    backend, rows, truths = EmbeddedBackend(options.weights), [], []
+    titles = (*(f"{share:.1f}" for share in SHARES), "const", "auc", "rank r", "rank m")
+    print("share".ljust(22), *(title.rjust(7) for title in titles))
+    for folder in options.folders:
+        figures, rough, picture = judge(folder, backend, options.samples)
+        rows.append(figures)
+        truths.append(rough)
+        show(folder.name, figures)
+        if options.picture:
+            pixels = (picture * 255).clip(0, 255).astype(np.uint8)
+            cv2.imwrite(str(options.picture.with_stem(f"{options.picture.stem}_{folder.name}")), pixels[..., ::-1])
+    if len(rows) > 1:
+        summary("all, pooled", rows, truths)
+
+
+if __name__ == "__main__":
+    main()

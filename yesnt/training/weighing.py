@@ -1,0 +1,155 @@
+"""Teaches the denoiser to weigh two opinions: where they are apart, draws have to spread.
+
+Reader and second opinion stay as they are. Pictures are of subjects that the perceptron was not shown, since on those
+it was shown it agrees with the truth more often than it ever will on a shot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from yesnt.decompose.context import ContextBatch
+from yesnt.decompose.network import Network, at_patch
+from yesnt.decompose.opinion import SURVEY_SIDE, Opinion, heard
+from yesnt.decompose.weights import PATCH, channels_last, save_weights
+from yesnt.training.draws import Draws
+from yesnt.training.losses import energy_score
+from yesnt.training.pictures import open_views
+from yesnt.training.synthetic.dataset import Patches, crop, disguise
+from yesnt.training.synthetic.materials import importance
+from yesnt.training.trainer import course, draw_shrink
+
+_TURNED, _DISGUISED = 0.2, 0.2
+"""How often a picture's colours are turned, or somebody's clothes dyed: between the bold world and the usual one."""
+
+
+@dataclass(frozen=True)
+class WeighingSettings:
+    """What determines how the denoiser learns on.
+
+    Attributes:
+        seed: of data and noise.
+        steps: of training.
+        batch: patches per step.
+        patch: side of a patch.
+        rate: highest learning rate.
+        ema: decay of the averaged weights.
+    """
+
+    seed: int = 0
+    steps: int = 1000
+    batch: int = 8
+    patch: int = PATCH
+    rate: float = 1e-3
+    ema: float = 0.99
+
+
+def with_opinion(network: Network, opinion: Opinion) -> Network:
+    """A network that hears a second opinion, and whose denoiser does not heed yet how far apart the two are."""
+    widths = (opinion.hidden.in_channels, opinion.hidden.out_channels)
+    joined = Network(replace(network.shape, opinion=widths))
+    joined.reader, joined.opinion = network.reader, opinion
+    state = network.denoiser.state_dict()
+    stem = joined.denoiser.stem.weight.new_zeros(joined.denoiser.stem.weight.shape)
+    stem[:, : state["stem.weight"].shape[1]] = state["stem.weight"]
+    joined.denoiser.load_state_dict({**state, "stem.weight": stem})
+    return channels_last(joined.eval().requires_grad_(False))
+
+
+class Weigher:
+    """Network, averaged denoiser and optimiser at a step.
+
+    Args:
+        settings: what to do.
+        network: of `with_opinion`.
+        paths: files of the archive that are shown.
+    """
+
+    def __init__(self, settings: WeighingSettings, network: Network, paths: Sequence[Path]) -> None:
+        if network.opinion is None:
+            raise ValueError("a network without a second opinion has nothing to weigh")
+        self.settings, self.network, self._paths, self._opinion = settings, network, paths, network.opinion
+        self.averaged = {name: value.clone() for name, value in network.denoiser.state_dict().items()}
+        network.denoiser.requires_grad_(True)
+        self.optimiser = torch.optim.AdamW(network.denoiser.parameters(), lr=settings.rate, weight_decay=0.02)
+        self._draws = Draws(settings.seed, settings.patch)
+        self.step = 0
+
+    def advance(self) -> float:
+        """One optimiser step; returns its loss."""
+        rgb, matte, truth, kind, whole, place, _, _, survey = (
+            torch.from_numpy(np.ascontiguousarray(plane)) for plane in self._patches().planes()
+        )
+        clean = 2 * truth - 1
+        with torch.no_grad():
+            condition = self.network.reader(rgb, matte, ContextBatch(whole, place))
+            told = torch.cat([self._opinion(picture[None]) for picture in survey])
+            condition = heard(condition, at_patch(told, place, condition.shape[-1]))
+        weights = matte * torch.from_numpy(importance())[kind.clamp_min(0)][:, None]
+        draws = self._draws.pair(self.network.denoiser, condition, clean, self.step)
+        loss = energy_score(*draws, clean, weights)
+        self.optimiser.param_groups[0]["lr"] = self.settings.rate * course(self.step, self.settings.steps)
+        self.optimiser.zero_grad(set_to_none=True)
+        loss.backward()  # type: ignore[no-untyped-call]
+        torch.nn.utils.clip_grad_norm_(self.network.denoiser.parameters(), 1.0)
+        self.optimiser.step()
+        self.step += 1
+        for name, value in self.network.denoiser.state_dict().items():
+            self.averaged[name].lerp_(value, 1 - min(self.settings.ema, (1 + self.step) / (10 + self.step)))
+        return float(loss.detach())
+
+    def save(self, path: Path) -> None:
+        """Writes a checkpoint whole or not at all."""
+        state = {
+            "step": self.step,
+            "denoiser": self.network.denoiser.state_dict(),
+            "averaged": self.averaged,
+            "optimiser": self.optimiser.state_dict(),
+        }
+        part = path.with_suffix(".part")
+        torch.save(state, part)
+        part.replace(path)
+
+    def resume(self, path: Path) -> None:
+        """Continues from a checkpoint."""
+        state = torch.load(path, weights_only=True)
+        self.network.denoiser.load_state_dict(state["denoiser"])
+        self.averaged = state["averaged"]
+        self.optimiser.load_state_dict(state["optimiser"])
+        self.step = state["step"]
+
+    def result(self) -> Network:
+        """The network with the averaged denoiser."""
+        network = Network(self.network.shape)
+        network.load_state_dict(self.network.state_dict())
+        network.denoiser.load_state_dict(self.averaged)
+        return network.eval().requires_grad_(False)
+
+    def _patches(self) -> Patches:
+        s = self.settings
+        rng = np.random.Generator(np.random.Philox(key=[s.seed, 2_000_000_000 + self.step]))
+        return Patches.stack([self._example(rng) for _ in range(s.batch)])
+
+    def _example(self, rng: np.random.Generator) -> Patches:
+        views = open_views(self._paths[int(rng.integers(len(self._paths)))])
+        picture = views[int(rng.integers(len(views)))]
+        if rng.random() < _DISGUISED:
+            picture = disguise(rng, picture)
+        return crop(rng, picture, self.settings.patch, draw_shrink(rng), _TURNED, SURVEY_SIDE)
+
+
+def weigh(weigher: Weigher, folder: Path, every: int = 50) -> Iterator[tuple[int, float]]:
+    """Runs to the last step; yields (step, mean loss) and saves a checkpoint and weights every `every` steps."""
+    losses: list[float] = []
+    while weigher.step < weigher.settings.steps:
+        losses.append(weigher.advance())
+        if weigher.step % every == 0 or weigher.step == weigher.settings.steps:
+            weigher.save(folder / "weighing.pt")
+            save_weights(weigher.result(), folder / "embedded.safetensors", weigher.settings.patch)
+            yield weigher.step, float(np.mean(losses))
+            losses.clear()

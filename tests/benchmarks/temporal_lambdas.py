@@ -2,15 +2,17 @@
 
     python tests/benchmarks/temporal_lambdas.py SHOT ... --held-out SHOT ... [--work FOLDER] [--out FOLDER]
 
-A SHOT holds plate.####.exr and truth/material.####.exr (docs/stage.md). Inputs are what the embedded model predicts for
-it (kept in --work, made again when weights change) and an ensemble's noise on the true materials (a smooth error that
-members share, a smooth and a white one of each member, an offset of each frame). All goes through the stage's own flow,
-validity and robust confidence 1 - std / divisor. What is measured is kept in --work: a run that was cut off goes on.
+A SHOT holds plate.####.exr, gbuffer.####.exr, truth/material.####.exr and truth/flow.####.exr (docs/stage.md). Inputs
+are what the embedded model predicts for it (kept in --work, made again when weights change) and an ensemble's noise on
+the true materials (a smooth error that members share, a smooth and a white one of each member, an offset of each
+frame). All goes through the stage's own flow, validity and robust confidence 1 - std / divisor. What is measured is
+kept in --work: a run that was cut off goes on.
 
-Writes temporal-sweep.json and temporal-sweep.svg (kept in docs/): RMSE to the truth and RMSE of the frame-to-frame
-difference, over the input's, for each shot, input and channel. The shots before --held-out choose: of the settings in
-which no channel of any input becomes less accurate and each flickers a fifth less, the one with the least mean of all
-ratios. Held-out shots are then measured with it, and with the defaults.
+Writes temporal-sweep.json and temporal-sweep.svg (kept in docs/): RMSE to the truth, RMSE of the frame-to-frame
+difference at fixed pixels, and RMS of what changes along the true flow (temporal_gain.py), over the input's, for each
+shot, input and channel. The shots before --held-out choose: of the settings in which no channel of any input becomes
+less accurate and each flickers a fifth less along the true flow, the one with the least mean of all ratios. Held-out
+shots are then measured with it, and with the defaults.
 """
 
 import argparse
@@ -21,14 +23,16 @@ import time
 from pathlib import Path
 
 import numpy as np
-from temporal_shots import ensemble, errors, load, predicted
+from temporal_flow import Shot as TrueShot
+from temporal_gain import along
+from temporal_shots import ensemble, errors, predicted
 
 from yesnt.decompose.confidence import DIVISOR as DIVISOR_USED
 from yesnt.decompose.confidence import confidence
 from yesnt.temporal import EnergyParams, FlowSettings, flow_and_validity, robust_confidence, solve
 
-LAMBDA1, LAMBDA2, DELTA = (0.015, 0.03, 0.04, 0.06), (1.0, 2.0, 4.0), (0.1,)
-DIVISOR = (0.5, 1.0, 1.5)
+LAMBDA1, LAMBDA2, DELTA = (0.0025, 0.005, 0.01, 0.015, 0.04), (1.0, 2.0, 4.0), (0.1,)
+DIVISOR = (1.5, 3.0)
 NAMES = ("lambda1", "lambda2", "delta", "divisor")
 NOISE = 0.05
 COLOURS = ("#4e79a7", "#59a14f", "#e15759")
@@ -40,10 +44,11 @@ class Shot:
 
     def __init__(self, folder, work):
         self.name = folder.name
-        plates, self.matte, self.truth = load(folder)
+        self.true = TrueShot(folder)
+        plates, self.matte, self.truth = self.true.plates, self.true.matte, self.true.truth
         pairs = [
             flow_and_validity(plates[t], plates[t + 1], self.matte[t], self.matte[t + 1], FlowSettings())
-            for t in range(len(plates) - 1)
+            for t in self.true.pairs
         ]
         self.links = tuple(np.stack(parts) for parts in zip(*pairs, strict=True))
         given = {PREDICTED: predicted(folder, work), f"noise {NOISE}": ensemble(self.truth, NOISE, 1)}
@@ -54,11 +59,11 @@ class Shot:
         }
         arrays = (*self.links, *(array for group in self.inputs.values() for array in group))
         digest = hashlib.sha256(b"".join(np.ascontiguousarray(array).data for array in arrays)).hexdigest()
-        self._book = work / f"{self.name}.{digest[:16]}.json"
+        self._book = work / f"{self.name}.{digest[:16]}.along.json"
         self._known = json.loads(self._book.read_text()) if self._book.exists() else {}
 
     def ratios(self, setting):
-        """Input -> [channel, (RMSE, difference)] over the input's own."""
+        """Input -> [channel, (RMSE, difference, along)] over the input's own."""
         key = " ".join(map(str, setting))
         if key not in self._known:
             lambda1, lambda2, delta, divisor = setting
@@ -70,8 +75,11 @@ class Shot:
     def _ratio(self, name, params, divisor):
         mean, std, trust = self.inputs[name]
         value = solve(mean, confidence(std, divisor) * trust, *self.links, params, self.matte, tolerance=1e-3).value
-        ratio = errors(value, self.truth, self.matte) / errors(mean, self.truth, self.matte)
+        ratio = self._measures(value) / self._measures(mean)
         return ratio.astype(np.float64).round(4).tolist()
+
+    def _measures(self, value):
+        return np.column_stack([errors(value, self.truth, self.matte), along(value, self.true)])
 
 
 def sweep(shots, settings):
@@ -85,7 +93,7 @@ def sweep(shots, settings):
 
 
 def cost(row):
-    """Mean of both ratios over shots and channels; predictions weigh as much as all noises together."""
+    """Mean of the three ratios over shots and channels; predictions weigh as much as all noises together."""
     return float(np.mean([_cost(inputs) for inputs in row["shots"].values()]))
 
 
@@ -97,12 +105,12 @@ def _cost(inputs):
 def safe(row):
     """Whether no channel of any input became less accurate, and each flickers less by a fifth."""
     found = np.array([ratio for inputs in row["shots"].values() for ratio in inputs.values()])
-    return bool(found[..., 0].max() <= 1 and found[..., 1].max() <= 0.8)
+    return bool(found[..., 0].max() <= 1 and found[..., 2].max() <= 0.8)
 
 
 def plot(rows, chosen):
-    """An SVG scatter of the predictions' means: colour is lambda2, radius lambda1; the choice is ringed."""
-    means = [np.mean([found[PREDICTED] for found in row["shots"].values()], axis=(0, 1)) for row in rows]
+    """An SVG scatter of the predictions' means colour is lambda2, radius lambda1; the choice is ringed."""
+    means = [np.mean([found[PREDICTED] for found in row["shots"].values()], axis=(0, 1))[[0, 2]] for row in rows]
     low, high = np.min(means, axis=0) - 0.02, np.max(means, axis=0) + 0.02
     points = []
     for row, mean in zip(rows, means, strict=True):
@@ -120,7 +128,7 @@ def plot(rows, chosen):
     ]
     labels = (
         f'<text x="60" y="445">RMSE over input, {low[0]:.2f} .. {high[0]:.2f} (pale: a channel loses)</text>'
-        f'<text x="5" y="15">difference over input, {low[1]:.2f} .. {high[1]:.2f}</text>'
+        f'<text x="5" y="15">change along the true flow over input, {low[1]:.2f} .. {high[1]:.2f}</text>'
     )
     head = '<svg xmlns="http://www.w3.org/2000/svg" width="560" height="460" font-family="sans-serif" font-size="13">'
     return "\n".join([head, '<rect width="560" height="460" fill="white"/>', *points, *legend, labels, "</svg>"])

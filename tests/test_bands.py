@@ -112,7 +112,7 @@ def test_chunks_in_bands_equal_the_whole_solve_around_a_weak_patch(
 def test_chunks_in_bands_equal_the_whole_solve_around_an_inconsistent_frame(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The frame has no say, no spatial term where it is linked, and its links count twice: in every window alike."""
+    """The frame has no say, no spatial term where it is linked, and its links are bridges: in every window alike."""
     from yesnt import solve_task, trust_task
 
     trusted = trust_task._ensemble_confidence

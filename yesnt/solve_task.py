@@ -17,7 +17,7 @@ from yesnt.blocks import Block
 from yesnt.errors import JobError
 from yesnt.temporal import BlockLists, solve_lists
 from yesnt.temporal.geometry import Geometry, PackedMasks, build_geometry, loosen_frame
-from yesnt.temporal.outliers import BRIDGE
+from yesnt.temporal.outliers import bridge
 from yesnt.workspace import Workspace, release_memory
 
 Float32 = NDArray[np.float32]
@@ -244,7 +244,7 @@ class Links:
         self.cut += int(long.sum())
         validity[long] = 0
         if frame in self.silent or window.frames[index + 1] in self.silent:
-            validity *= BRIDGE
+            validity = bridge(validity)
         return flow, validity
 
 

@@ -58,7 +58,7 @@ STAGES = {
               ("observed", "spread", "evaluations")),
         Stage("flow", 2, "frame and the next", "two plates", ("flow", "validity")),
         Stage("trust", 3, "chunk with halo", "observed, spread, flow, validity", ("confidence",)),
-        Stage("solve", 4, "shot; if long, chunk with halo; bands of rows", "observed, confidence, flow, validity",
+        Stage("solve", 5, "shot; if long, chunk with halo; bands of rows", "observed, confidence, flow, validity",
               ("material",)),
         Stage("relight", 6, "frame", "plate, G-buffer, proxy, material, light",
               ("base_color", "diffuse", "specular", "shadow")),

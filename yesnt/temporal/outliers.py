@@ -29,8 +29,8 @@ MEDIAN_OF_MEAN = 0.845
 """Median over mean of the absolute value of a normal variable."""
 
 BRIDGE = 2.0
-"""Weight of the links into and out of an inconsistent frame: it has no say of its own, and two links in series that are
-twice as stiff couple the frames beside it as closely as neighbours are coupled."""
+"""Weight of sure links into and out of an inconsistent frame: it has no say of its own, and two links in series that
+are twice as stiff couple the frames beside it as closely as neighbours are coupled."""
 
 OUTLIER_HALO = REACH + WINDOW
 """Halo with which a block gives the same confidence as the whole sequence."""
@@ -121,11 +121,20 @@ def robust_confidence(
 
 
 def bridged_links(validity: Any, frames: tuple[int, ...]) -> Single:
-    """Validity [T-1, H, W] with `BRIDGE` times the weight around inconsistent frames (`OutlierReport.frames`)."""
+    """Validity [T-1, H, W] with `bridge` around inconsistent frames (`OutlierReport.frames`)."""
     links = np.array(validity, np.float32)
     around = sorted({t for frame in frames for t in (frame - 1, frame) if 0 <= t < len(links)})
-    links[around] *= BRIDGE
+    links[around] = bridge(links[around])
     return links
+
+
+def bridge(validity: Single) -> Single:
+    """Weight of links beside an inconsistent frame: `BRIDGE` times validity squared.
+
+    Where no data holds against it a doubtful link is followed in full, however small its weight; and both of two links
+    in series have to be right: so what is doubtful counts twice as doubtful.
+    """
+    return (BRIDGE * validity * validity).astype(np.float32)
 
 
 def frame_trust(

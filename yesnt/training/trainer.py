@@ -13,6 +13,7 @@ import torch
 from yesnt.decompose.network import Network, NetworkShape
 from yesnt.decompose.weights import PATCH, channels_last, save_weights
 from yesnt.errors import JobError
+from yesnt.training.checkpoint import write_state
 from yesnt.training.draws import Draws
 from yesnt.training.losses import energy_score, reading_loss, whole_loss
 from yesnt.training.pictures import (
@@ -140,9 +141,7 @@ class Trainer:
             "averaged": self.averaged.state_dict(),
             "optimiser": self.optimiser.state_dict(),
         }
-        part = path.with_suffix(".part")
-        torch.save(state, part)
-        part.replace(path)
+        write_state(path, state)
 
     def resume(self, path: Path) -> None:
         """Continues from a checkpoint."""

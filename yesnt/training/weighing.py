@@ -17,6 +17,7 @@ from yesnt.decompose.context import ContextBatch
 from yesnt.decompose.network import Network, at_patch
 from yesnt.decompose.opinion import SURVEY_SIDE, Opinion, heard
 from yesnt.decompose.weights import PATCH, channels_last, save_weights
+from yesnt.training.checkpoint import write_state
 from yesnt.training.draws import Draws
 from yesnt.training.losses import energy_score
 from yesnt.training.pictures import open_views
@@ -111,9 +112,7 @@ class Weigher:
             "averaged": self.averaged,
             "optimiser": self.optimiser.state_dict(),
         }
-        part = path.with_suffix(".part")
-        torch.save(state, part)
-        part.replace(path)
+        write_state(path, state)
 
     def resume(self, path: Path) -> None:
         """Continues from a checkpoint."""

@@ -53,8 +53,9 @@ def _decompose(steps: tuple[int, ...]) -> list[Variant]:
     fewest, most = (steps[0], steps[-1]) if steps else (None, None)
     tried = [one(f"K={k}, {s} steps" if s else f"K={k}", s, samples=k) for s in steps or (None,) for k in (2, 4, 8)]
     tried += [one(f"tolerance {t}", fewest, tolerance=t) for t in (0.02, 0.05)]
-    tried += [one(f"tolerance 0.05, every {n}th", fewest, tolerance=0.05, keyframe_step=n) for n in (2, 4)]
-    tried += [one(f"K=2, every {n}th", fewest, samples=2, keyframe_step=n) for n in (2, 4)]
+    keyframes = (("every 2nd", 2), ("every 4th", 4))
+    tried += [one(f"tolerance 0.05, {name}", fewest, tolerance=0.05, keyframe_step=n) for name, n in keyframes]
+    tried += [one(f"K=2, {name}", fewest, samples=2, keyframe_step=n) for name, n in keyframes]
     tried += [one(f"K=2, overlap {o}", fewest, samples=2, overlap=o) for o in (0.125, 0.5)]
     return [*tried, one("K=16, overlap 0.5", most, samples=16, overlap=0.5)]
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from distributed import KilledWorker
 from distributed.comm import CommClosedError
 
 from tests.fake_tasks import fake_task, runs_of
@@ -183,3 +184,20 @@ def test_a_scheduler_lost_while_it_hands_a_result_over_is_a_lost_cluster(job: Jo
     )
     with pytest.raises(ClusterLostError, match="run the same command again"):
         drive(job, chain(1), client)
+
+
+def test_a_receipt_that_died_with_its_worker_loses_no_work(job: Job) -> None:
+    def submit(task, context, node, **options) -> _LostFuture:
+        task(context, node)
+        return _LostFuture(KilledWorker("a", "tcp://127.0.0.1:1", 0))
+
+    client = SimpleNamespace(
+        submit=submit,
+        scheduler=SimpleNamespace(ncores=None),
+        sync=lambda call, callback_timeout: {"worker": 1},
+    )
+    events: list = []
+    outcome = drive(job, chain(2), client, events)
+    assert outcome.complete
+    assert [e["event"] for e in events].count("done") == len(outcome.done) == 4
+    assert all(runs_of(job, s, i) == 1 for s in "ab" for i in range(2))

@@ -205,14 +205,28 @@ class Driver:
 
     def _read_receipts(self) -> None:
         """Fetches what finished tasks have to tell; their slots are filled before, so that no worker waits for it."""
+        from distributed import KilledWorker
+
         while self._unread:
-            node, future = self._unread[0]
-            receipt: Receipt = _received(future.result)
-            self._unread.pop(0)
+            node, future = self._unread.pop(0)
+            try:
+                receipt: Receipt = _received(future.result)
+            except KilledWorker:  # the worker died with it, and the next one while Dask had it made again
+                receipt = self._recorded(node)
             self._outcome.busy_seconds += receipt["seconds"]
             self._outcome.kernel_seconds += receipt["kernel_seconds"]
             self._tell("done", node, **receipt)
             fault_point("driver.after_receipt")
+
+    def _recorded(self, node: Node) -> Receipt:
+        """What the commit record tells of a task whose receipt is gone: its work is not."""
+        record = self._book.find(node.stage, node.frames[-1])
+        seconds, facts = ({}, {}) if record is None else (record.seconds, record.facts)
+        return {
+            "seconds": seconds.get("task", 0.0),
+            "kernel_seconds": seconds.get("kernel", 0.0),
+            "peak_bytes": facts.get("peak_bytes", 0),
+        }
 
     def _succeed(self, node: Node) -> None:
         """A finished task has committed its frames: what waited for them may start."""

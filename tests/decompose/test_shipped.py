@@ -66,6 +66,7 @@ def test_roughness_beats_the_best_constant(judged):
 def test_metal_is_told_from_the_rest(judged):
     truth, mean, _ = judged
     metal = truth[1] > 0.5
+    assert mean[1][metal].mean() > 2 * mean[1][~metal].mean()
     ranks = mannwhitneyu(mean[1][metal], mean[1][~metal]).statistic
     assert ranks / (metal.sum() * (~metal).sum()) > 0.9  # area under the curve
 

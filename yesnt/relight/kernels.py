@@ -2,8 +2,9 @@
 
 A pixel first chooses what it sums: nothing of clusters below its horizon, one direction for clusters that are hidden
 (they glow with what bounces), and of all others texels of a size that its lobe can bear. Short runs of these are copied
-into a scratch that stays in the cache, whose loops have no branch. Irradiance needs no texels but at the horizon: above
-it the clamped cosine is linear, and a cluster's first moment is exact.
+into a scratch that stays in the cache, whose loops have no branch. Irradiance needs no texels: above the horizon the
+clamped cosine is linear and a cluster's first moment exact, and one that the horizon cuts passes it as an even square
+would (68 dB or more to the full sum; where every cell is a texel, those of such clusters are summed).
 
 Every lobe is linear in what later multiplies it, so one pass serves both relighting and the removal of capture light.
 Results do not depend on the number of threads: a pixel is summed by one thread in one order.
@@ -19,6 +20,7 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from yesnt.color import LUMINANCE_REC709
+from yesnt.relight.compiled import inlined, kernel
 from yesnt.relight.lights import Clusters, PreparedLight
 from yesnt.relight.lobes import DISNEY, LAMBERT, NO_DIFFUSE, add_lobes, is_broad, scale_lobes, set_frame
 
@@ -28,7 +30,7 @@ _GROUP = 32  # pixels that share a scratch allocation
 _SCRATCH = 1024  # texels gathered at a time: 32 kB
 _STRIDE = 1040  # floats from row to row of the scratch: rows a power of two apart share a cache set
 _ANY_SIZE = 1e9  # a `detail` that level 0 always meets; infinity is not a number that fast arithmetic knows
-_LONG = 16  # blocks that are worth a loop of their own: it costs as much to start as it does to gather so many
+_FEW = 4  # blocks of a cluster that are gathered: to start a loop where they lie costs as much
 _1, _2, _3 = np.uintp(1), np.uintp(2), np.uintp(3)
 _ONE = np.float32(1.0)
 _TWO = np.float32(2.0)
@@ -112,7 +114,7 @@ def sum_lobes(
         _sum_lobes(
             (points.normal, points.view, points.alpha, points.dielectric, points.metal),
             (texels.rows, texels.packed, texels.start[:levels], texels.size[:levels]),
-            (light.cone, light.moment, cluster_rows(light.clusters)),
+            (light.cone, light.moment, cluster_rows(light.clusters), light.edge),
             (nothing if hidden is None else hidden, glow),
             (
                 np.float32(detail),
@@ -143,19 +145,21 @@ def _sum_lobes(points, texels, clusters, blocked, sizes, out):  # type: ignore[n
         facing, bearable = np.empty(parts, dtype=np.float32), np.empty(parts, dtype=np.float32)
         found = np.empty(parts + 1, dtype=np.intp)
         behind, mask = np.zeros(parts, dtype=np.uint8), np.empty(parts, dtype=np.uint8)
-        choice = (facing, np.empty(parts, dtype=np.int32), behind, bearable, found, mask)
-        runs, frame = np.empty((parts, 2), dtype=np.int32), np.empty(12, dtype=np.float32)
+        choice = (facing, np.empty(parts, dtype=np.int32), behind, bearable)
+        places = (mask, found, np.empty((parts, 2), np.int32), np.empty((parts + 1) * _FEW, np.int32))
+        frame = np.empty(12, dtype=np.float32)
         packed, glow = np.empty((8, _STRIDE // 2), dtype=np.float64), clusters[2].copy()
         scratch = (packed, packed.view(np.float32), glow, np.empty(COLUMNS, dtype=np.float32), glow.copy())
         for p in range(group * _GROUP, min(count, (group + 1) * _GROUP)):
-            _one_pixel(p, points, texels, clusters, blocked, sizes, scratch, choice, runs, frame, out[p])
+            _one_pixel(p, points, texels, clusters, blocked, sizes, scratch, choice, places, frame, out)
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
-def _one_pixel(p, points, texels, clusters, blocked, sizes, scratch, choice, runs, frame, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+@kernel
+def _one_pixel(p, points, texels, clusters, blocked, sizes, scratch, choice, places, frame, results):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     normal, view, alpha, dielectric, metal = points
     cone, start = clusters[0], texels[2]
-    facing, level, behind, bearable, found, mask = choice
+    facing, level, behind, bearable = choice
+    out = results[p]
     set_frame(normal[0, p], normal[1, p], normal[2, p], view[0, p], view[1, p], view[2, p], frame)
     frame[11] = alpha[p]
     widen = sizes[1] / max(frame[9], np.float32(LEAST_COSINE))
@@ -164,15 +168,18 @@ def _one_pixel(p, points, texels, clusters, blocked, sizes, scratch, choice, run
     _choose(frame, sizes, texels[3], cone, clusters[2], facing, level, bearable)
     if sizes[2]:
         level[:] = 0
-        used = _runs_in_sight(start, cone, facing, behind, level, runs, found, mask)
+        listed = _in_sight(start, cone, facing, behind, level, places)
         _choose(frame, sizes, texels[3], cone, clusters[2], facing, level, bearable)
+    elif sizes[3] < 0:
+        _clamped_cosine(clusters[1], clusters[3], behind, frame, out)
+        listed = 0, 0
     else:
         _above_the_horizon(cone, clusters[1], facing, behind, frame, out)
-        used = _runs_at_the_horizon(start, cone, facing, behind, runs, found, mask)
-    _sum_runs(texels, runs, used, scratch, (diffuse, False, False, False), frame, widen, out)
-    used = _runs_in_sight(start, cone, facing, behind, level, runs, found, mask)
+        listed = _at_the_horizon(start, cone, facing, behind, level, places)
+    _sum_blocks(texels, places, listed, scratch, (diffuse, False, False, False), frame, widen, out)
+    listed = _in_sight(start, cone, facing, behind, level, places)
     wanted = (NO_DIFFUSE, dielectric[p] != 0, metal[p] != 0, broad)
-    _sum_runs(texels, runs, used, scratch, wanted, frame, widen, out)
+    _sum_blocks(texels, places, listed, scratch, wanted, frame, widen, out)
     if sizes[3] < 0:
         _whole(clusters[2], choice, frame, widen, wanted, scratch[4], out)
     for k in range(4):  # so far nothing that is hidden
@@ -183,7 +190,7 @@ def _one_pixel(p, points, texels, clusters, blocked, sizes, scratch, choice, run
     scale_lobes(out)
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@kernel
 def _hide(hidden, p, behind):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Writes which clusters pixel p does not see; how many."""
     shut = 0
@@ -194,7 +201,7 @@ def _hide(hidden, p, behind):  # type: ignore[no-untyped-def]  # noqa: ANN001, A
     return shut
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@kernel
 def _choose(frame, sizes, size, cone, whole, facing, level, bearable):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Writes n.l of every cluster and the coarsest level whose texels are small beside the lobe there.
 
@@ -222,30 +229,46 @@ def _choose(frame, sizes, size, cone, whole, facing, level, bearable):  # type: 
             level[c] += size[k, c] > bearable[c]
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
-def _runs_at_the_horizon(start, cone, facing, behind, runs, found, mask):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Writes runs of level 0 blocks of clusters that the horizon cuts: how many."""
+@kernel
+def _at_the_horizon(start, cone, facing, behind, level, places):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Lists the blocks, at their levels, of clusters that the horizon cuts: how many runs and single blocks."""
+    mask = places[0]
     for c in range(facing.shape[0]):
         mask[c] = (behind[c] == 0) & (abs(facing[c]) <= cone[3, c])
-    used = 0
-    for i in range(_numbers(mask, found)):
-        used = _append(runs, used, start[0, found[i]], start[0, found[i] + 1])
-    return used
+    return _list_blocks(start, level, places)
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
-def _runs_in_sight(start, cone, facing, behind, level, runs, found, mask):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Writes runs of blocks, at their levels, of clusters that are up and not hidden: how many."""
+@kernel
+def _in_sight(start, cone, facing, behind, level, places):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Lists the blocks, at their levels, of clusters that are up and not hidden: how many runs and single blocks."""
+    mask = places[0]
     for c in range(facing.shape[0]):
         mask[c] = (behind[c] == 0) & (level[c] >= 0) & (facing[c] > -cone[3, c])
-    used = 0
+    return _list_blocks(start, level, places)
+
+
+@kernel
+def _list_blocks(start, level, places):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Lists the blocks of masked clusters: more than _FEW of one cluster as a run, else one by one.
+
+    _FEW places are written whatever there is: a loop of an unknown length would be guessed wrong most of the time.
+    """
+    mask, found, runs, blocks = places
+    used = count = 0
     for i in range(_numbers(mask, found)):
         c = found[i]
-        used = _append(runs, used, start[level[c], c], start[level[c], c + 1])
-    return used
+        first, last = start[level[c], c], start[level[c], c + 1]
+        if last - first > _FEW:
+            used = _append(runs, used, first, last)
+            continue
+        at, block = np.uintp(count), np.int32(first)
+        blocks[at], blocks[at + _1] = block, block + np.int32(1)
+        blocks[at + _2], blocks[at + _3] = block + np.int32(2), block + np.int32(3)
+        count += last - first
+    return used, count
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def _numbers(mask, found):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Writes which entries of a mask are set: how many. A branch would be guessed wrong half of the time."""
     count = 0
@@ -255,7 +278,7 @@ def _numbers(mask, found):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN2
     return count
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@kernel
 def _whole(whole, choice, frame, widen, wanted, rows, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Adds clusters in sight that are read as one texel each: all are summed, the others without light or size.
 
@@ -269,7 +292,7 @@ def _whole(whole, choice, frame, widen, wanted, rows, out):  # type: ignore[no-u
     add_lobes(frame, widen, rows, 0, behind.shape[0], (NO_DIFFUSE, wanted[1], wanted[2], False), out)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def _append(runs, used, first, last):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Adds a run or lengthens the last one: how many there are."""
     if used > 0 and runs[used - 1, 1] == first:
@@ -279,35 +302,56 @@ def _append(runs, used, first, last):  # type: ignore[no-untyped-def]  # noqa: A
     return used + 1
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
-def _sum_runs(texels, runs, used, scratch, wanted, frame, widen, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Sums runs of blocks: long ones where they lie, short ones gathered in the scratch."""
+@kernel
+def _sum_blocks(texels, places, listed, scratch, wanted, frame, widen, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Sums runs of blocks where they lie, and single blocks gathered in the scratch."""
     rows, source, target, gathered = texels[0], texels[1], scratch[0], scratch[1]
-    full = 0
+    runs, blocks = places[2], places[3]
+    used, count = listed
     for i in range(used):
-        first, last = runs[i, 0], runs[i, 1]
-        if last - first >= _LONG:
-            add_lobes(frame, widen, rows, 8 * first, 8 * last, wanted, out)
-            continue
-        if full + last - first > _SCRATCH // 8:
-            add_lobes(frame, widen, gathered, 0, 8 * full, wanted, out)
-            full = 0
-        for b in range(first, last):
-            _copy_block(source, np.uintp(4 * b), target, np.uintp(4 * full))
-            full += 1
-    add_lobes(frame, widen, gathered, 0, 8 * full, wanted, out)
+        add_lobes(frame, widen, rows, 8 * runs[i, 0], 8 * runs[i, 1], wanted, out)
+    for first in range(0, count, _SCRATCH // 8):
+        full = min(count - first, _SCRATCH // 8)
+        for k in range(full):
+            _copy_block(source, np.uintp(blocks[first + k]), target, np.uintp(4 * k))
+        add_lobes(frame, widen, gathered, 0, 8 * full, wanted, out)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def _copy_block(source, at, target, on):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Copies four words of each row; unsigned places, since one that may be negative keeps LLVM from joining them."""
     for k in range(8):
-        one, two = source[k, at], source[k, at + _1]
-        three, four = source[k, at + _2], source[k, at + _3]
+        word = np.uintp(4 * k)
+        one, two = source[at, word], source[at, word + _1]
+        three, four = source[at, word + _2], source[at, word + _3]
         target[k, on], target[k, on + _1], target[k, on + _2], target[k, on + _3] = one, two, three, four
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@kernel
+def _clamped_cosine(moment, edge, behind, frame, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Adds the irradiance, and that of white, of clusters that pass the horizon as even squares: PreparedLight.edge."""
+    nx, ny, nz = frame[0], frame[1], frame[2]
+    red = green = blue = white = _ZERO
+    for c in range(behind.shape[0]):
+        on = _ONE if behind[c] == 0 else _ZERO
+        red += on * _clamped(moment[0, c] * nx + moment[1, c] * ny + moment[2, c] * nz, edge[0, c], edge[4, c])
+        green += on * _clamped(moment[3, c] * nx + moment[4, c] * ny + moment[5, c] * nz, edge[1, c], edge[5, c])
+        blue += on * _clamped(moment[6, c] * nx + moment[7, c] * ny + moment[8, c] * nz, edge[2, c], edge[6, c])
+        white += on * _clamped(moment[9, c] * nx + moment[10, c] * ny + moment[11, c] * nz, edge[3, c], edge[7, c])
+    out[0] += red
+    out[1] += green
+    out[2] += blue
+    out[16] += white
+
+
+@inlined
+def _clamped(mean, half, over):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """The mean of max(x, 0) for x even on mean - half to mean + half, `over` being 1 / (4 half)."""
+    part = min(max(mean + half, _ZERO), half + half)
+    return part * part * over + max(mean - half, _ZERO)
+
+
+@kernel
 def _above_the_horizon(cone, moment, facing, behind, frame, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Adds the irradiance, and that of white, of clusters wholly above the horizon."""
     r0 = r1 = r2 = g0 = g1 = g2 = b0 = b1 = b2 = w0 = w1 = w2 = _ZERO
@@ -332,7 +376,7 @@ def _above_the_horizon(cone, moment, facing, behind, frame, out):  # type: ignor
     out[16] += w0 * nx + w1 * ny + w2 * nz
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@kernel
 def _glow(p, whole, behind, bounce, frame, widen, wanted, rows, open_, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Adds what hidden clusters glow with, one direction each, and what would come from there in the open."""
     count = behind.shape[0]

@@ -65,6 +65,8 @@ class PreparedLight:
         cone: [4, C] axis and sine of the half angle of every cluster (2: wider than a hemisphere).
         moment: [12, C] energy times direction (r x, r y, r z, g x, ...) and solid angle times direction of every
             cluster: the irradiance of a cluster above the horizon is linear in the normal.
+        edge: [8, C] half the width over which a cluster passes the horizon, times its energy (r, g, b) and solid angle,
+            then a quarter of the inverse of each, 0 where there is none.
         detail: angular size of a texel over the width of the lobe where it lies, at most.
         env: the map itself.
         shadow_error: predicted display error of one visibility a cluster.
@@ -75,6 +77,7 @@ class PreparedLight:
     coarse: Clusters
     cone: F32
     moment: F32
+    edge: F32
     detail: float
     env: EnvMap
     shadow_error: float = 0.0
@@ -104,13 +107,14 @@ def prepare_light(
     coarse = [group[0] for group in grow(weights, min(clusters, COARSE), 1)]
     groups = grow(weights, clusters, texels, LANES)
     hulls = [_hull(group) for group in groups]
-    cut = assemble(cut_levels(moments, groups, hulls), env.world_from_map)
+    cut, parts = assemble(cut_levels(moments, groups, hulls), env.world_from_map), _clusters(moments, hulls, env)
     return PreparedLight(
         texels=cut,
-        clusters=_clusters(moments, hulls, env),
+        clusters=parts,
         coarse=_clusters(moments, coarse, env),
         cone=_cones(cut),
         moment=_first_moments(cut),
+        edge=_edges(parts),
         detail=detail,
         env=env,
         shadow_error=cluster_error(moments, hulls, light_radius(moments)),
@@ -157,3 +161,11 @@ def _first_moments(texels: Texels) -> F32:
     count = texels.start.shape[1] - 1
     columns = [np.bincount(owner, rows[k] * rows[axis], count) for k in (3, 4, 5, 6) for axis in range(3)]
     return np.stack(columns).astype(np.float32)
+
+
+def _edges(clusters: Clusters) -> F32:
+    """`PreparedLight.edge`: the variance of an even square along an axis is a third of its half width squared."""
+    weight = np.concatenate([clusters.energy, clusters.solid_angle[None]]).astype(np.float64)
+    half = weight * np.sqrt(1.5 * clusters.spread.astype(np.float64))
+    over = np.where(half > 1e-30, 0.25 / np.maximum(half, 1e-30), 0.0)
+    return np.concatenate([half, over]).astype(np.float32)

@@ -16,9 +16,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from yesnt.relight.brdf import COS_MIN
+from yesnt.relight.compiled import inlined, kernel
 
 FRESNEL = tuple(np.float32(c) for c in (0.03995, 0.08202, 0.43506, 0.39882, 0.04397))
 """The exact Fresnel of IOR 1.5 within 2e-4: 1 and the powers 2, 4, 8 and 16 of 1 - v.h, by as many squarings."""
@@ -34,7 +34,7 @@ _ZERO = np.float32(0.0)
 _INV_2PI = np.float32(0.5 / math.pi)
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@kernel
 def set_frame(nx, ny, nz, vx, vy, vz, frame):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
     """Normal, tangent, bitangent, n.v and t.v; a view behind the normal is bent to just above the horizon."""
     cosine = nx * vx + ny * vy + nz * vz
@@ -54,58 +54,47 @@ def set_frame(nx, ny, nz, vx, vy, vz, frame):  # type: ignore[no-untyped-def]  #
     frame[9], frame[10] = nv, math.sqrt(max(_ONE - nv * nv, _ZERO))
 
 
-@njit(cache=True, fastmath=True, error_model="numpy", inline="always")
-def _columns(rows, first, last):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """The rows of texels [first, last), each counted from 0: of an index that might be negative LLVM makes gathers."""
-    return (
-        rows[0][first:last], rows[1][first:last], rows[2][first:last], rows[3][first:last],
-        rows[4][first:last], rows[5][first:last], rows[6][first:last], rows[7][first:last],
-    )  # fmt: skip
-
-
-@njit(cache=True, fastmath=True, error_model="numpy")
+@kernel
 def _cosine_sum(frame, rows, first, last, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     nx, ny, nz = frame[0], frame[1], frame[2]
-    x, y, z, red, green, blue, solid, _ = _columns(rows, first, last)
     s0 = s1 = s2 = sw = _ZERO
-    for t in range(x.shape[0]):
-        nl = max(nx * x[t] + ny * y[t] + nz * z[t], _ZERO)
-        s0 += nl * red[t]
-        s1 += nl * green[t]
-        s2 += nl * blue[t]
-        sw += nl * solid[t]
+    for t in range(np.uintp(first), np.uintp(last)):
+        nl = max(nx * rows[0, t] + ny * rows[1, t] + nz * rows[2, t], _ZERO)
+        s0 += nl * rows[3, t]
+        s1 += nl * rows[4, t]
+        s2 += nl * rows[5, t]
+        sw += nl * rows[6, t]
     out[0] += s0
     out[1] += s1
     out[2] += s2
     out[16] += sw
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@kernel
 def _disney_sum(frame, rows, first, last, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """The cosine sum weighted as Burley's diffuse is; brdf.disney_diffuse, with cos_d^2 = |l + v|^2 / 4."""
     frame = _fixed(frame)
-    x, y, z, red, green, blue, solid, _ = _columns(rows, first, last)
     half_rough, out_weight = _HALF * math.sqrt(frame[11]), (_ONE - frame[9]) ** 5
     s0 = s1 = s2 = sw = _ZERO
-    for t in range(x.shape[0]):
-        nl = max(frame[0] * x[t] + frame[1] * y[t] + frame[2] * z[t], _ZERO)
-        along = frame[3] * x[t] + frame[4] * y[t] + frame[5] * z[t] + frame[10]
-        across = frame[6] * x[t] + frame[7] * y[t] + frame[8] * z[t]
+    for t in range(np.uintp(first), np.uintp(last)):
+        nl = max(frame[0] * rows[0, t] + frame[1] * rows[1, t] + frame[2] * rows[2, t], _ZERO)
+        along = frame[3] * rows[0, t] + frame[4] * rows[1, t] + frame[5] * rows[2, t] + frame[10]
+        across = frame[6] * rows[0, t] + frame[7] * rows[1, t] + frame[8] * rows[2, t]
         s, under = nl + frame[9], max(_ONE - nl, _ZERO)
         grazing = half_rough * (along * along + across * across + s * s) - _HALF
         in_weight = (under * under) * (under * under) * under
         w = nl * (_ONE + grazing * in_weight) * (_ONE + grazing * out_weight)
-        s0 += w * red[t]
-        s1 += w * green[t]
-        s2 += w * blue[t]
-        sw += w * solid[t]
+        s0 += w * rows[3, t]
+        s1 += w * rows[4, t]
+        s2 += w * rows[5, t]
+        sw += w * rows[6, t]
     out[0] += s0
     out[1] += s1
     out[2] += s2
     out[16] += sw
 
 
-@njit(cache=True, fastmath=True, error_model="numpy", inline="always")
+@inlined
 def _fixed(frame):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """The frame as numbers, which stay in registers."""
     return (
@@ -114,19 +103,19 @@ def _fixed(frame):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     )  # fmt: skip
 
 
-@njit(cache=True, fastmath=True, error_model="numpy", inline="always")
+@inlined
 def _view(frame):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Twice the view of a frame, bent above the horizon as n.v is."""
     nv, tv = _TWO * frame[9], _TWO * frame[10]
     return nv * frame[0] + tv * frame[3], nv * frame[1] + tv * frame[4], nv * frame[2] + tv * frame[5]
 
 
-@njit(cache=True, fastmath=True, error_model="numpy", inline="always")
+@inlined
 def _smith(frame, a2, nl, smith_o):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     return frame[9] * (math.sqrt(nl * nl * (_ONE - a2) + a2) + nl * smith_o)
 
 
-@njit(cache=True, fastmath=True, error_model="numpy", inline="always")
+@inlined
 def _narrow(frame, view, a2, smith_o, lx, ly, lz, disc):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """2 pi D V n.l of one texel, and q = |l + v|^2; see the head of this file."""
     nl = max(frame[0] * lx + frame[1] * ly + frame[2] * lz, _ZERO)
@@ -143,7 +132,7 @@ def _narrow(frame, view, a2, smith_o, lx, ly, lz, disc):  # type: ignore[no-unty
     return nl * a2 * q * q / (_HALF * square * _smith(frame, a2, nl, smith_o)), q
 
 
-@njit(cache=True, fastmath=True, error_model="numpy", inline="always")
+@inlined
 def _broad(frame, view, a2, smith_o, lx, ly, lz, disc):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """As `_narrow` where `is_broad` says so: q = 2 + 2 v.l, |q_t|^2 = q - s^2, the mean to first order."""
     nl = max(frame[0] * lx + frame[1] * ly + frame[2] * lz, _ZERO)
@@ -156,7 +145,7 @@ def _broad(frame, view, a2, smith_o, lx, ly, lz, disc):  # type: ignore[no-untyp
     return nl * a2 * q * q / (square * _smith(frame, a2, nl, smith_o)), q
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@kernel
 def is_broad(frame, disc):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
     """Whether a lobe bears `_broad` with discs of at most that squared radius.
 
@@ -170,23 +159,22 @@ def is_broad(frame, disc):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN2
 def _dielectric_lobe(shape_of):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """The dielectric lobe over texels, with one of the shapes."""
 
-    @njit(cache=True, fastmath=True, error_model="numpy")
+    @kernel
     def lobe(frame, widen, rows, first, last, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
         fixed, view, a2 = _fixed(frame), _view(frame), frame[11] * frame[11]
         smith_o = math.sqrt(frame[9] * frame[9] * (_ONE - a2) + a2) / frame[9]
-        x, y, z, red, green, blue, solid, spread = _columns(rows, first, last)
         s0 = s1 = s2 = sw = _ZERO
-        for t in range(x.shape[0]):
-            shape, q = shape_of(fixed, view, a2, smith_o, x[t], y[t], z[t], widen * spread[t])
+        for t in range(np.uintp(first), np.uintp(last)):
+            shape, q = shape_of(fixed, view, a2, smith_o, rows[0, t], rows[1, t], rows[2, t], widen * rows[7, t])
             m = _ONE - _HALF * math.sqrt(q)
             m2 = m * m
             m4 = m2 * m2
             m8 = m4 * m4
             w = shape * (_C0 + _C2 * m2 + _C4 * m4 + m8 * (_C8 + _C16 * m8))
-            s0 += w * red[t]
-            s1 += w * green[t]
-            s2 += w * blue[t]
-            sw += w * solid[t]
+            s0 += w * rows[3, t]
+            s1 += w * rows[4, t]
+            s2 += w * rows[5, t]
+            sw += w * rows[6, t]
         out[3] += s0
         out[4] += s1
         out[5] += s2
@@ -198,25 +186,24 @@ def _dielectric_lobe(shape_of):  # type: ignore[no-untyped-def]  # noqa: ANN001,
 def _metal_lobe(shape_of):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """The two parts of the metallic lobe over texels, with one of the shapes."""
 
-    @njit(cache=True, fastmath=True, error_model="numpy")
+    @kernel
     def lobe(frame, widen, rows, first, last, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
         fixed, view, a2 = _fixed(frame), _view(frame), frame[11] * frame[11]
         smith_o = math.sqrt(frame[9] * frame[9] * (_ONE - a2) + a2) / frame[9]
-        x, y, z, red, green, blue, solid, spread = _columns(rows, first, last)
         s0 = s1 = s2 = sw = f0 = f1 = f2 = fw = _ZERO
-        for t in range(x.shape[0]):
-            shape, q = shape_of(fixed, view, a2, smith_o, x[t], y[t], z[t], widen * spread[t])
+        for t in range(np.uintp(first), np.uintp(last)):
+            shape, q = shape_of(fixed, view, a2, smith_o, rows[0, t], rows[1, t], rows[2, t], widen * rows[7, t])
             m = max(_ONE - _HALF * math.sqrt(q), _ZERO)
             high = shape * (m * m) * (m * m) * m
             low = shape - high
-            s0 += low * red[t]
-            s1 += low * green[t]
-            s2 += low * blue[t]
-            sw += low * solid[t]
-            f0 += high * red[t]
-            f1 += high * green[t]
-            f2 += high * blue[t]
-            fw += high * solid[t]
+            s0 += low * rows[3, t]
+            s1 += low * rows[4, t]
+            s2 += low * rows[5, t]
+            sw += low * rows[6, t]
+            f0 += high * rows[3, t]
+            f1 += high * rows[4, t]
+            f2 += high * rows[5, t]
+            fw += high * rows[6, t]
         out[6] += s0
         out[7] += s1
         out[8] += s2
@@ -233,7 +220,7 @@ _dielectric_narrow, _dielectric_broad = (_dielectric_lobe(shape) for shape in (_
 _metal_narrow, _metal_broad = (_metal_lobe(shape) for shape in (_narrow, _broad))  # type: ignore[no-untyped-call]
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@kernel
 def add_lobes(frame, widen, rows, first, last, wanted, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
     """Adds the wanted of (diffuse, dielectric, metal; broad) over texels [first, last) of rows [8, N] to out [20]."""
     if wanted[0] == LAMBERT:
@@ -252,7 +239,7 @@ def add_lobes(frame, widen, rows, first, last, wanted, out):  # type: ignore[no-
         _metal_narrow(frame, widen, rows, first, last, out)
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@kernel
 def scale_lobes(out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
     """1 / (2 pi), left out of the lobes' loops."""
     for k in range(3, 12):

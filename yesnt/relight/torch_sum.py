@@ -63,6 +63,7 @@ class _Sums:
         self.owners = [self._put(texels.owner(k)) for k in range(len(texels.start))]
         self.coarsest = texels.coarsest if filtered else 0
         self.size, self.cone = self._put(texels.size), self._put(light.cone)
+        self.moment, self.edge = self._put(light.moment.reshape(4, 3, -1)), self._put(light.edge)
         self.clusters = self._put(cluster_rows(light.clusters))
         self.luminance = self._put(np.asarray(LUMINANCE_REC709, dtype=np.float32))
 
@@ -83,7 +84,10 @@ class _Sums:
         up = (normal @ self.cone[:3] > -self.cone[3]).float() * (1 - shut)
         level = self._level(frame, normal)
         sums = torch.zeros((len(alpha), COLUMNS), device=self.device)
-        _add_irradiance(sums, frame, self.levels[0], up[:, self.owners[0]])
+        if self.coarsest < 0 and not points.disney:
+            self._clamped_cosine(sums, normal, 1 - shut)
+        else:
+            _add_irradiance(sums, frame, self.levels[0], up[:, self.owners[0]])
         for k, (rows, owner) in enumerate(zip(self.levels, self.owners, strict=True)):
             chosen = up * (level == k)
             if chosen.any():
@@ -94,6 +98,17 @@ class _Sums:
         if hidden is not None:
             self._glow(sums, frame, shut, bounce)
         return sums.cpu().numpy()
+
+    def _clamped_cosine(self, sums: torch.Tensor, normal: torch.Tensor, seen: torch.Tensor) -> None:
+        """Irradiance of clusters; see kernels._clamped_cosine."""
+        import torch
+
+        mean = torch.einsum("pa,kac->pkc", normal, self.moment)
+        half, over = self.edge[:4], self.edge[4:]
+        part = torch.minimum((mean + half).clamp(min=0), 2 * half)
+        found = ((part * part * over + (mean - half).clamp(min=0)) * seen[:, None]).sum(2)
+        sums[:, :3] += found[:, :3]
+        sums[:, 16] += found[:, 3]
 
     def _level(self, frame: _Frame, normal: torch.Tensor) -> torch.Tensor:
         """Level [P, C] that each cluster is read at; see kernels._choose."""

@@ -54,13 +54,13 @@ STAGES = {
     stage.name: stage
     for stage in (
         Stage("window", 1, "window of frames (video backends)", "plates"),
-        Stage("decompose", 2, "frame", "plate; between keyframes also a keyframe and the flow to it; or its windows",
+        Stage("decompose", 3, "frame", "plate; between keyframes also a keyframe and the flow to it; or its windows",
               ("observed", "spread", "evaluations")),
         Stage("flow", 2, "frame and the next", "two plates", ("flow", "validity")),
         Stage("trust", 3, "chunk with halo", "observed, spread, flow, validity", ("confidence",)),
         Stage("solve", 5, "shot; if long, chunk with halo; bands of rows", "observed, confidence, flow, validity",
               ("material",)),
-        Stage("relight", 6, "frame", "plate, G-buffer, proxy, material, light",
+        Stage("relight", 7, "frame", "plate, G-buffer, proxy, material, light",
               ("base_color", "diffuse", "specular", "shadow")),
         Stage("composite", 1, "frame", "diffuse, specular, background"),
         Stage("preview", 2, "second of the film; then the shot", "the EXR sequence"),

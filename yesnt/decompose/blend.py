@@ -127,4 +127,6 @@ class PatchSum:
 
     def value(self) -> Float32:
         """The sum [planes, height, width]."""
-        return (self._sum * (1.0 / _FIXED_POINT)).astype(np.float32)
+        value = self._sum.astype(np.float32)
+        value *= np.float32(1.0 / _FIXED_POINT)  # a power of two: nothing is rounded twice
+        return value

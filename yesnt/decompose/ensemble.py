@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -22,10 +22,6 @@ Float32 = NDArray[np.float32]
 
 _MEMORY_FOR_MEMBERS = 256 << 20
 """Bytes for members that are in memory together, at least one; a patch is encoded once for all of them."""
-
-
-_EXPECTATION = 16
-"""Members that a backend's expectation counts for in the mean: two draws beside it serve as well as 16 alone."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +60,7 @@ def estimate_frame(
 ) -> Estimate:
     """Draws the members of a frame patch by patch, blends each, then takes mean and population std over them.
 
-    A backend that knows what to expect of a patch says so; that enters the mean as 16 members would, not the std.
+    A backend that knows what to expect of a patch says so; that is the mean then, and the members tell the std.
 
     Args:
         rgb: [H, W, 3] linear Rec.709, straight.
@@ -92,17 +88,9 @@ def estimate_frame(
         active = _unsettled(picture.grid, active, picture.matte, moments, settings)
         for start in range(members.start, members.stop, at_once):
             block = range(start, min(start + at_once, members.stop))
-            noises = [
-                ensemble_noise((seed, frame, k), picture.grid.shape, backend.noise_sigmas, settings.antithetic)
-                for k in block
-            ]
-            drawn = _draw(picture, active, noises, backend)
-            if drawn.expected is not None and not moments.weight.any():
-                moments.expect(drawn.expected, drawn.weight)
-            for value in drawn.members:
-                moments.update(value, drawn.weight)
+            _add_members(moments, picture, active, block, backend, (seed, frame), settings.antithetic)
         total += len(active) * len(members) * backend.evaluations
-    mean, std = (picture.finished(plane) for plane in moments.mean_and_std())
+    mean, std = picture.finished(moments.mean), picture.finished(moments.std())
     if prior is not None:
         share = picture.finished(np.minimum(moments.weight / settings.rounds()[0].stop, 1))
         joined = join(Prior(mean, std, share > 0), share, prior, matte)
@@ -172,7 +160,7 @@ class _Picture:
         told = None if self.opinion is None else self.opinion.expand(rows, -1, -1, -1)
         return ContextBatch(torch.from_numpy(self.whole).expand(rows, -1, -1, -1), torch.from_numpy(places), told)
 
-    def finished(self, planes: NDArray[np.float64]) -> Float32:
+    def finished(self, planes: NDArray[np.floating]) -> Float32:
         """Planes [..., H, W] without padding, 0 outside the matte."""
         rows, columns = self.shape
         return np.where(self.matte > 0, planes, 0)[..., :rows, :columns].astype(np.float32, order="C")
@@ -181,46 +169,52 @@ class _Picture:
 class _Moments:
     """Weighted mean and sum of squares per pixel, member by member (West 1979, the weighted form of Welford's).
 
-    What a backend expects enters the mean as `_EXPECTATION` members would; the spread is of the members alone.
+    What a backend expects takes the place of the members' mean (Rao and Blackwell: what their mean tends to, without
+    the chance of a draw); the spread is of the members alone. Single precision: 4K planes are large, and a deviation
+    of members needs no more digits than the members have.
     """
 
     def __init__(self, height: int, width: int) -> None:
-        self.weight = np.zeros((height, width))
-        self._mean = np.zeros((2, height, width))
-        self._squares = np.zeros((2, height, width))
-        self._expected = np.zeros((2, height, width))
-        self._trust = np.zeros((height, width))
+        self.weight = np.zeros((height, width), np.float32)
+        self._mean = np.zeros((2, height, width), np.float32)
+        self._squares = np.zeros((2, height, width), np.float32)
+        self._expected: Float32 | None = None
 
-    def expect(self, value: Float32, weight: Float32) -> None:
-        """Says what to expect: value [2, H, W], weight [H, W] as for `update`."""
-        self._expected, self._trust = value.astype(np.float64), weight.astype(np.float64) * _EXPECTATION
+    def expect(self, value: Float32) -> None:
+        """Says what to expect: value [2, H, W]."""
+        self._expected = value
 
     def update(self, value: Float32, weight: Float32) -> None:
         """Adds a member: value [2, H, W], weight [H, W] in [0, 1], the share of windows that hold this member."""
         self.weight += weight
         share = np.divide(weight, self.weight, out=np.zeros_like(self.weight), where=self.weight > 0)
-        delta = value - self._mean
-        self._mean += share * delta
-        self._squares += weight * delta * (value - self._mean)
+        for plane, mean, squares in zip(value, self._mean, self._squares, strict=True):
+            delta = plane - mean
+            mean += share * delta
+            delta *= plane - mean
+            squares += np.multiply(delta, weight, out=delta)
 
-    def mean_and_std(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Mean and population standard deviation, [2, H, W] each; 0 where there is no member."""
-        safe = np.where(self.weight > 0, self.weight, 1)
-        return self._mean + self._share() * (self._expected - self._mean), np.sqrt(np.maximum(self._squares, 0) / safe)
+    @property
+    def mean(self) -> Float32:
+        """[2, H, W]; 0 where there is no member."""
+        return self._mean if self._expected is None else self._expected
 
-    def standard_error(self, antithetic: bool) -> NDArray[np.float64]:
+    def std(self) -> Float32:
+        """Population standard deviation [2, H, W] over members; 0 where there is none."""
+        found = np.maximum(self._squares, 0)
+        found /= np.where(self.weight > 0, self.weight, np.float32(1))
+        return np.sqrt(found, out=found)
+
+    def standard_error(self, antithetic: bool) -> Float32:
         """[2, H, W] standard error of the mean, of independent draws; needs two members.
 
         An antithetic pair has no mean of its own to lose a degree of freedom to; that pairs do better than independent
-        draws is not counted, nor is the error of what the backend expects.
+        draws is not counted. What a backend expects owes nothing to chance: more members would not change it.
         """
-        _, std = self.mean_and_std()
-        return (1 - self._share()) * std / np.sqrt(np.maximum(self.weight - (0 if antithetic else 1), 1e-9))
-
-    def _share(self) -> NDArray[np.float64]:
-        """[H, W] share of the expectation in the mean."""
-        total = self._trust + self.weight
-        return np.divide(self._trust, total, out=np.zeros_like(total), where=total > 0)
+        if self._expected is not None:
+            return np.zeros_like(self._mean)
+        free = self.weight - np.float32(0 if antithetic else 1)
+        return self.std() / np.sqrt(np.maximum(free, np.float32(1e-9)))
 
 
 def _unsettled(
@@ -239,20 +233,20 @@ def _unsettled(
     return tuple(kept)
 
 
-@dataclass(frozen=True)
-class _Drawn:
-    """Members of a block: `members` yields [2, H, W] each; all have the same `weight` [H, W]."""
-
-    members: Iterator[Float32]
-    expected: Float32 | None
-    weight: Float32
-
-
-def _draw(picture: _Picture, patches: Sequence[Patch], noises: Sequence[Float32], backend: Backend) -> _Drawn:
-    """Blended members, one for every noise field, and what the backend expects if it says so."""
+def _add_members(
+    moments: _Moments,
+    picture: _Picture,
+    patches: Sequence[Patch],
+    block: range,
+    backend: Backend,
+    key: tuple[int, int],
+    antithetic: bool,
+) -> None:
+    """Draws and blends some members; their noise, the largest of all planes, is gone before more is made."""
     grid = picture.grid
+    noises = [ensemble_noise((*key, k), grid.shape, backend.noise_sigmas, antithetic) for k in block]
     sums = [PatchSum(grid, 2) for _ in noises]
-    expected = PatchSum(grid, 2) if isinstance(backend, Expecting) else None
+    expected = PatchSum(grid, 2) if isinstance(backend, Expecting) and not moments.weight.any() else None
     weights = PatchSum(grid, 1)
     for start in range(0, len(patches), backend.batch):
         chosen = patches[start : start + backend.batch]
@@ -267,9 +261,13 @@ def _draw(picture: _Picture, patches: Sequence[Patch], noises: Sequence[Float32]
             _add(member, chosen, backend.sample(condition, _batch(grid, noise, chosen, backend.batch)))
         for patch in chosen:
             weights.add(patch, np.ones((1, grid.size, grid.size), np.float32))
+    noises.clear()
     weight = weights.value()[0]
     safe = np.where(weight > 0, weight, np.float32(1))
-    return _Drawn((_shared(m, safe) for m in sums), None if expected is None else _shared(expected, safe), weight)
+    if expected is not None:
+        moments.expect(_shared(expected, safe))
+    for member in sums:
+        moments.update(_shared(member, safe), weight)
 
 
 def _add(total: PatchSum, patches: Sequence[Patch], values: torch.Tensor) -> None:
@@ -279,7 +277,9 @@ def _add(total: PatchSum, patches: Sequence[Patch], values: torch.Tensor) -> Non
 
 
 def _shared(total: PatchSum, weight: Float32) -> Float32:
-    return (total.value() / weight).astype(np.float32)
+    value = total.value()
+    value /= weight
+    return value
 
 
 def _batch(grid: PatchGrid, image: Float32, patches: Sequence[Patch], rows: int) -> torch.Tensor:

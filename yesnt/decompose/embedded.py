@@ -81,8 +81,11 @@ class EmbeddedBackend:
 
     @staticmethod
     def _read(condition: torch.Tensor) -> torch.Tensor:
-        mean = functional.interpolate(condition[:, :2], scale_factor=2, mode="bilinear", align_corners=False)
-        return 0.5 + 0.5 * mean.clamp(-1, 1)
+        return 0.5 + 0.5 * EmbeddedBackend._enlarged(condition[:, :2]).clamp(-1, 1)
+
+    @staticmethod
+    def _enlarged(planes: torch.Tensor) -> torch.Tensor:
+        return functional.interpolate(planes, scale_factor=2, mode="bilinear", align_corners=False)
 
     @one_thread()
     @torch.no_grad()
@@ -93,7 +96,8 @@ class EmbeddedBackend:
             time = torch.full((len(noise),), 1 - i / steps, device=self._device)
             state = planes[:, :2] if i == 0 else noised(clean, planes[:, :2], time)
             clean = self._network.denoiser(state, planes[:, 2:], condition, time).clamp(-1, 1)
-        drawn = 0.5 + 0.5 * clean
+        # Reader and opinion speak at half the resolution; what is finer in a draw is the pixel shuffle's pattern.
+        drawn = self._enlarged(0.5 + 0.5 * functional.avg_pool2d(clean, 2))
         roughness = (drawn[:, :1] - _excess(self._read(condition))).clamp(0, 1)  # draws keep their spread
         return torch.cat([roughness, drawn[:, 1:]], 1)
 

@@ -1,7 +1,10 @@
+import tracemalloc
+
 import numpy as np
 import pytest
 import torch
 
+from yesnt.decompose import ensemble
 from yesnt.decompose.blend import PatchGrid
 from yesnt.decompose.ensemble import confidence, decompose_frame, estimate_frame
 from yesnt.decompose.noise_planes import member_noise
@@ -208,3 +211,22 @@ def test_what_is_expected_lets_sampling_stop_sooner(fake, picture):
     settings = EnsembleSettings(16, tolerance=0.02, antithetic=False)
     plain, knowing = (estimate_frame(*picture, b, settings, 0, 1).total_evaluations for b in (fake(0.1), Knowing(0.1)))
     assert knowing < plain
+
+
+@pytest.mark.parametrize("samples", [2, 6])
+def test_memory_per_pixel_is_bounded_whatever_the_members(fake, monkeypatch, samples):
+    """At 4K a hundred and sixty bytes a pixel beside torch and the inputs keep a frame below 2 GB."""
+
+    class Embedded(fake):
+        noise_sigmas = (0.0, 0.0, 4.0, 16.0, 64.0) * 2
+
+        def expect(self, condition):
+            return condition[:, :2]
+
+    monkeypatch.setattr(ensemble, "_MEMORY_FOR_MEMBERS", 1)  # what is a member's at 4K
+    rgb, matte = np.full((512, 512, 3), 0.3, np.float32), np.ones((512, 512), np.float32)
+    tracemalloc.start()
+    estimate_frame(rgb, matte, Embedded(patch=128), EnsembleSettings(samples), 0, 1)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 160 * matte.size

@@ -93,8 +93,10 @@ def _train(folder: Path, settings: TrainingSettings) -> Network:
 
 
 def _hear(folder: Path, settings: TrainingSettings, network: Network, options: argparse.Namespace) -> None:
-    learnt, kept = subjects(folder, settings.seed, settings.people, settings.things)
-    opinion = make_opinion(folder, OpinionSettings(settings.seed, steps=options.opining), learnt, kept)
+    asked = OpinionSettings(settings.seed, steps=options.opining)
+    people, things = min(asked.people, settings.people), min(asked.things, settings.things)
+    learnt, kept = subjects(folder, settings.seed, people, things)
+    opinion = make_opinion(folder, asked, learnt, kept)
     weigher = Weigher(WeighingSettings(settings.seed, options.weighing), with_opinion(network, opinion), kept)
     checkpoint = folder / "weighing.pt"
     if checkpoint.exists():

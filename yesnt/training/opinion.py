@@ -30,6 +30,8 @@ class OpinionSettings:
 
     Attributes:
         seed: of its first weights and of the order of examples.
+        people: people of the archive that it learns from or is judged on, at most.
+        things: things of the archive, likewise.
         widths: of its hidden layers.
         steps: of training.
         batch: places per step.
@@ -38,6 +40,8 @@ class OpinionSettings:
     """
 
     seed: int = 0
+    people: int = 400
+    things: int = 300
     widths: tuple[int, int] = (192, 96)
     steps: int = 600
     batch: int = 2048

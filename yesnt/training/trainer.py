@@ -66,7 +66,7 @@ class TrainingSettings:
     """
 
     seed: int = 0
-    reading: int = 5000
+    reading: int = 3600
     drawing: int = 700
     settling: int = 600
     batch: int = 8

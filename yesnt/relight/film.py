@@ -42,13 +42,17 @@ def film(image: F32, coverage: F32, side: float) -> F32:
         coverage: [H, W] 0..1.
         side: share of each neighbour along an axis, half the variance of the filter in pixels^2: below 0.5.
     """
-    weight = np.asarray(coverage, dtype=np.float32)[..., None]
-    light, total = _spread(image * weight, side), _spread(weight, side)
-    return np.where(weight > 0, light / np.where(weight > 0, total, 1), 0).astype(np.float32)
+    weight = np.asarray(coverage, dtype=np.float32)
+    inside, total = weight > 0, _spread(weight, side)
+    found = np.zeros(image.shape, dtype=np.float32)
+    for channel in range(image.shape[-1]):  # one after another: at 4K each temporary is 33 MB
+        light = _spread(image[..., channel] * weight, side)
+        np.divide(light, total, out=found[..., channel], where=inside)
+    return found
 
 
 def _spread(image: F32, side: float) -> F32:
-    """Convolves [H, W, C] with (side, 1 - 2 side, side) along both axes; 0 beyond the border."""
+    """Convolves [H, W] with (side, 1 - 2 side, side) along both axes; 0 beyond the border."""
     for axis in (0, 1):
         given = np.float32(side) * image
         image = np.float32(1 - 2 * side) * image

@@ -15,8 +15,9 @@ from relight_speed import env, pixels
 
 from yesnt.color import srgb_encode
 from yesnt.relight import EnvMap, prepare_light
+from yesnt.relight.choice import LEAST_COSINE, TAIL
 from yesnt.relight.combine import normalise
-from yesnt.relight.kernels import IRRADIANCE, LEAST_COSINE, METAL_F0, METAL_F90, TAIL, sum_lobes
+from yesnt.relight.kernels import IRRADIANCE, METAL_F0, METAL_F90, sum_lobes
 
 COUNT = 300
 EVERY_CELL = 1e-9
@@ -30,7 +31,7 @@ def seen(px, light, detail):
 
 
 def texels_read(px, light, detail):
-    """Mean over pixels of the texels that kernels._choose asks for."""
+    """Mean over pixels of the texels that choice.choose asks for."""
     alpha, cos_o = px.lobes(slice(0, COUNT), "default").alpha, px.cos_o[:, None]
     mirror, facing = 2 * cos_o * px.normal - px.view, px.normal @ light.cone[:3]
     core = 2 * alpha[:, None] * np.maximum(cos_o, LEAST_COSINE)

@@ -8,9 +8,9 @@ import numpy as np
 
 from yesnt.color import luminance
 from yesnt.relight.brdf import alpha_ggx
+from yesnt.relight.choice import least_bearable
 from yesnt.relight.film import read_at_centres
 from yesnt.relight.glow import LEVELS, nearest_level
-from yesnt.relight.kernels import least_bearable
 from yesnt.relight.lights import PreparedLight
 from yesnt.relight.settings import RelightSettings
 

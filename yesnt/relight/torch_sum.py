@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from yesnt.color import LUMINANCE_REC709
 from yesnt.relight.brdf import COS_MIN
-from yesnt.relight.kernels import COLUMNS, LEAST_COSINE, TAIL, WIDEN, ShadingPoints, cluster_rows
+from yesnt.relight.choice import LEAST_COSINE, TAIL
+from yesnt.relight.kernels import COLUMNS, WIDEN, ShadingPoints, cluster_rows
 from yesnt.relight.lights import PreparedLight
 from yesnt.relight.lobes import FRESNEL
 
@@ -100,7 +101,7 @@ class _Sums:
         return sums.cpu().numpy()
 
     def _clamped_cosine(self, sums: torch.Tensor, normal: torch.Tensor, seen: torch.Tensor) -> None:
-        """Irradiance of clusters; see kernels._clamped_cosine."""
+        """Irradiance of clusters; see irradiance.clamped_cosine."""
         import torch
 
         mean = torch.einsum("pa,kac->pkc", normal, self.moment)
@@ -111,7 +112,7 @@ class _Sums:
         sums[:, 16] += found[:, 3]
 
     def _level(self, frame: _Frame, normal: torch.Tensor) -> torch.Tensor:
-        """Level [P, C] that each cluster is read at; see kernels._choose."""
+        """Level [P, C] that each cluster is read at; see choice.choose."""
         core = 2 * frame.alpha * frame.nv.clamp(min=LEAST_COSINE)
         away = (2 - 2 * frame.mirror @ self.cone[:3]).clamp(min=0).sqrt() - self.cone[3]
         away = away.clamp(min=0)

@@ -9,7 +9,7 @@ from tests.relight.scenes import camera, sky, sphere
 from tests.relight.test_frame import DRAFT, relight
 from yesnt.errors import JobError
 from yesnt.relight import RelightSettings, requirements, shade
-from yesnt.relight.film import film, read_at_centres, short_normals
+from yesnt.relight.film import film, film_of_light, meetings, read_at_centres, short_normals
 from yesnt.relight.scope import SceneFacts
 
 SIDE = RelightSettings().film
@@ -142,3 +142,33 @@ def test_the_door_for_a_gbuffer_of_points_gives_points():
     gbuffer, cam = sphere((12, 12))
     one, two = (shade(gbuffer, sky(), cam, replace(DRAFT, film=side), False).radiance for side in (0.0, SIDE))
     assert np.array_equal(one, two)
+
+
+def test_paint_under_even_light_is_not_blurred_again_and_light_is():
+    rng = np.random.default_rng(1)
+    paint, light = rng.uniform(0.02, 1, (16, 16, 3)).astype(np.float32), rng.gamma(1.0, 1.0, (16, 16, 1))
+    nowhere, everywhere = np.zeros((16, 16), np.bool_), np.ones((16, 16), np.bool_)
+    even = film_of_light(paint * np.float32(0.7), paint, nowhere, disc(), SIDE)
+    inside = disc() > 0
+    assert np.allclose(even[inside], 0.7 * paint[inside], rtol=1e-5)
+    image = (light * paint).astype(np.float32)
+    grey = np.full_like(paint, 0.5)
+    lit = (light * grey).astype(np.float32)
+    assert np.allclose(film_of_light(lit, grey, nowhere, disc(), SIDE), film(lit, disc(), SIDE), rtol=1e-5, atol=1e-6)
+    assert np.array_equal(film_of_light(image, paint, everywhere, disc(), SIDE), film(image, disc(), SIDE))
+    black = film_of_light(0 * image, 0 * paint, nowhere, disc(), SIDE)
+    assert np.isfinite(black).all()
+    assert not black.any()
+
+
+def test_surfaces_meet_at_bends_at_seams_of_metal_and_at_the_matte():
+    normal, metallic = np.zeros((12, 12, 3), np.float32), np.zeros((12, 12), np.float32)
+    normal[2:, :6], normal[2:, 6:] = (0, 0, 1), (0, 0.6, 0.8)
+    metallic[8:, :3] = 1
+    found = meetings(normal, metallic)
+    assert found[1:3].all()  # the matte's edge
+    assert found[3:, 5:7].all()
+    assert found[7:9, :4].all()
+    assert not found[4:6, :4].any()
+    assert not found[3:, 8:].any()
+    assert not meetings(normal[3:, :5], metallic[3:8, :5].repeat(2, 0)[:9]).any()

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from yesnt.relight.combine import Response, normalise, response, shadow_ratio
 from yesnt.relight.edges import resolve_edges
 from yesnt.relight.envmap import EnvMap
-from yesnt.relight.film import film, read_at_centres, short_normals
+from yesnt.relight.film import film, film_of_light, meetings, read_at_centres, short_normals
 from yesnt.relight.glow import glow_of
 from yesnt.relight.kernels import COLUMNS, LIT, sum_lobes
 from yesnt.relight.lights import PreparedLight, prepare_light
@@ -145,16 +145,20 @@ def finish_film(relit: RelitFrame, surface: Surface, settings: RelightSettings) 
     coverage = np.clip(np.nan_to_num(np.asarray(surface.opacity, dtype=np.float32)), 0, 1)
     if settings.film == 0 or not read_at_centres(short_normals(surface.normal, coverage > 0)):
         return relit
-    diffuse, specular = (film(image, coverage, settings.film) for image in (relit.diffuse, relit.specular))
-    return replace(relit, diffuse=diffuse, specular=specular)
+    meeting = meetings(_finite(surface.normal), _finite(surface.metallic))
+    diffuse = film_of_light(relit.diffuse, relit.base_color, meeting, coverage, settings.film)
+    return replace(relit, diffuse=diffuse, specular=film(relit.specular, coverage, settings.film))
+
+
+def _finite(plane: NDArray[np.floating]) -> F32:
+    return np.nan_to_num(np.asarray(plane, dtype=np.float32), nan=0.0, posinf=0.0, neginf=0.0)
 
 
 def finish_edges(relit: RelitFrame, guide: F32, surface: Surface, settings: RelightSettings) -> RelitFrame:
     """Resolves antialiased pixels by the guide [H, W, 3] if the settings ask for it."""
     if not settings.edges:
         return relit
-    normal = np.nan_to_num(np.asarray(surface.normal, dtype=np.float32), nan=0.0, posinf=0.0, neginf=0.0)
-    metallic = np.clip(np.nan_to_num(np.asarray(surface.metallic, dtype=np.float32)), 0, 1)
+    normal, metallic = _finite(surface.normal), np.clip(_finite(surface.metallic), 0, 1)
     covered = np.nan_to_num(np.asarray(surface.opacity, dtype=np.float32)) > 0
     diffuse, specular = resolve_edges(np.stack([relit.diffuse, relit.specular]), guide, normal, metallic, covered)
     return replace(relit, diffuse=diffuse, specular=specular)

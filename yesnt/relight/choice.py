@@ -60,12 +60,12 @@ def choose(frame, sizes, size, cone, whole, facing, level, bearable):  # type: i
 
 
 @kernel
-def at_the_horizon(start, cone, facing, behind, level, places):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
-    """Lists the blocks, at their levels, of clusters that the horizon cuts: how many runs and single blocks."""
+def at_the_horizon(start, cone, facing, behind, ground, places):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+    """Lists blocks of level 0 (`ground`, all zeros) of clusters that the horizon cuts: how many runs and single ones."""
     mask = places[0]
     for c in range(facing.shape[0]):
         mask[c] = (behind[c] == 0) & (abs(facing[c]) <= cone[3, c])
-    return _list_blocks(start, level, places)
+    return _list_blocks(start, ground, places)
 
 
 @kernel

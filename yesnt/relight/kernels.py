@@ -133,7 +133,7 @@ def _sum_lobes(points, texels, clusters, blocked, sizes, out):  # type: ignore[n
         facing, bearable = np.empty(parts, dtype=np.float32), np.empty(parts, dtype=np.float32)
         found = np.empty(parts + 1, dtype=np.intp)
         behind, mask = np.zeros(parts, dtype=np.uint8), np.empty(parts, dtype=np.uint8)
-        choice = (facing, np.empty(parts, dtype=np.int32), behind, bearable)
+        choice = (facing, np.empty(parts, np.int32), behind, bearable, np.zeros(parts, np.int32))
         places = (mask, found, np.empty((parts, 2), np.int32), np.empty((parts + 1) * FEW, np.int32))
         frame = np.empty(12, dtype=np.float32)
         packed, glow = np.empty((8, _STRIDE // 2), dtype=np.float64), clusters[2].copy()
@@ -146,7 +146,7 @@ def _sum_lobes(points, texels, clusters, blocked, sizes, out):  # type: ignore[n
 def _one_pixel(p, points, texels, clusters, blocked, sizes, scratch, choice, places, frame, results):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     normal, view, alpha, dielectric, metal = points
     cone, start = clusters[0], texels[2]
-    facing, level, behind, bearable = choice
+    facing, level, behind, bearable, ground = choice
     out = results[p]
     set_frame(normal[0, p], normal[1, p], normal[2, p], view[0, p], view[1, p], view[2, p], frame)
     frame[11] = alpha[p]
@@ -158,12 +158,12 @@ def _one_pixel(p, points, texels, clusters, blocked, sizes, scratch, choice, pla
         level[:] = 0
         listed = in_sight(start, cone, facing, behind, level, places)
         choose(frame, sizes, texels[3], cone, clusters[2], facing, level, bearable)
-    elif sizes[3] < 0:
+    elif sizes[3] < 0 and clusters[3].shape[1] > 0:
         clamped_cosine(clusters[1], clusters[3], behind, frame, out)
         listed = 0, 0
     else:
         above_the_horizon(cone, clusters[1], facing, behind, frame, out)
-        listed = at_the_horizon(start, cone, facing, behind, level, places)
+        listed = at_the_horizon(start, cone, facing, behind, ground, places)
     _sum_blocks(texels, places, listed, scratch, (diffuse, False, False, False), frame, widen, out)
     listed = in_sight(start, cone, facing, behind, level, places)
     wanted = (NO_DIFFUSE, dielectric[p] != 0, metal[p] != 0, broad)

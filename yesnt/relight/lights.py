@@ -22,6 +22,10 @@ COARSE = 64
 GRID_ROWS = 128
 """Rows of the finest grid that texels are cut from: 1.4 degrees, finer than one visibility can tell."""
 
+EVEN = 128
+"""Clusters from which one that the horizon cuts is taken for an even square: irradiance is then off by 0.3 % at most in
+root mean square. Of 32, bright beside dark, it is off by 1 %, and light leaks to normals that see hardly any."""
+
 DETAIL = 0.45
 """Angular size of a texel over the width of the lobe where it lies, at most, unless a quality says otherwise."""
 
@@ -66,7 +70,7 @@ class PreparedLight:
         moment: [12, C] energy times direction (r x, r y, r z, g x, ...) and solid angle times direction of every
             cluster: the irradiance of a cluster above the horizon is linear in the normal.
         edge: [8, C] half the width over which a cluster passes the horizon, times its energy (r, g, b) and solid angle,
-            then a quarter of the inverse of each, 0 where there is none.
+            then a quarter of the inverse of each, 0 where there is none. [8, 0] of fewer than EVEN clusters.
         detail: angular size of a texel over the width of the lobe where it lies, at most.
         env: the map itself.
         shadow_error: predicted display error of one visibility a cluster.
@@ -114,7 +118,7 @@ def prepare_light(
         coarse=_clusters(moments, coarse, env),
         cone=_cones(cut),
         moment=_first_moments(cut),
-        edge=_edges(parts),
+        edge=_edges(parts) if len(parts) >= EVEN else np.zeros((8, 0), dtype=np.float32),
         detail=detail,
         env=env,
         shadow_error=cluster_error(moments, hulls, light_radius(moments)),

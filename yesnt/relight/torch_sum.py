@@ -85,7 +85,7 @@ class _Sums:
         up = (normal @ self.cone[:3] > -self.cone[3]).float() * (1 - shut)
         level = self._level(frame, normal)
         sums = torch.zeros((len(alpha), COLUMNS), device=self.device)
-        if self.coarsest < 0 and not points.disney:
+        if self.coarsest < 0 and self.edge.shape[1] and not points.disney:
             self._clamped_cosine(sums, normal, 1 - shut)
         else:
             _add_irradiance(sums, frame, self.levels[0], up[:, self.owners[0]])

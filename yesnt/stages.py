@@ -60,7 +60,7 @@ STAGES = {
         Stage("trust", 3, "chunk with halo", "observed, spread, flow, validity", ("confidence",)),
         Stage("solve", 5, "shot; if long, chunk with halo; bands of rows", "observed, confidence, flow, validity",
               ("material",)),
-        Stage("relight", 7, "frame", "plate, G-buffer, proxy, material, light",
+        Stage("relight", 8, "frame", "plate, G-buffer, proxy, material, light",
               ("base_color", "diffuse", "specular", "shadow")),
         Stage("composite", 1, "frame", "diffuse, specular, background"),
         Stage("preview", 2, "second of the film; then the shot", "the EXR sequence"),

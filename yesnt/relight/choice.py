@@ -61,7 +61,7 @@ def choose(frame, sizes, size, cone, whole, facing, level, bearable):  # type: i
 
 @kernel
 def at_the_horizon(start, cone, facing, behind, ground, places):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
-    """Lists blocks of level 0 (`ground`, all zeros) of clusters that the horizon cuts: how many runs and single ones."""
+    """Lists blocks of level 0 (`ground`: zeros) of clusters that the horizon cuts: how many runs and single blocks."""
     mask = places[0]
     for c in range(facing.shape[0]):
         mask[c] = (behind[c] == 0) & (abs(facing[c]) <= cone[3, c])

@@ -86,6 +86,8 @@ def estimate_frame(
     at_once = max(1, _MEMORY_FOR_MEMBERS // (4 * (len(backend.noise_sigmas) + 2) * picture.matte.size))
     for members in settings.rounds():
         active = _unsettled(picture.grid, active, picture.matte, moments, settings)
+        if not active:
+            break
         for start in range(members.start, members.stop, at_once):
             block = range(start, min(start + at_once, members.stop))
             _add_members(moments, picture, active, block, backend, (seed, frame), settings.antithetic)

@@ -33,9 +33,9 @@ def clamped_cosine(moment, edge, behind, frame, out):  # type: ignore[no-untyped
 
 @inlined
 def _clamped(mean, half, over):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """The mean of max(x, 0) for x even on mean - half to mean + half, `over` being 1 / (4 half)."""
-    part = min(max(mean + half, _ZERO), half + half)
-    return part * part * over + max(mean - half, _ZERO)
+    """The mean of max(x, 0) for x even on mean - half to mean + half, `over` being 1 / (2 sqrt(half))."""
+    part = min(max(mean + half, _ZERO), half + half) * over
+    return part * part + max(mean - half, _ZERO)
 
 
 @kernel

@@ -70,7 +70,7 @@ class PreparedLight:
         moment: [12, C] energy times direction (r x, r y, r z, g x, ...) and solid angle times direction of every
             cluster: the irradiance of a cluster above the horizon is linear in the normal.
         edge: [8, C] half the width over which a cluster passes the horizon, times its energy (r, g, b) and solid angle,
-            then a quarter of the inverse of each, 0 where there is none. [8, 0] of fewer than EVEN clusters.
+            then half of the inverse of each one's root, 0 where there is none. [8, 0] of fewer than EVEN clusters.
         detail: angular size of a texel over the width of the lobe where it lies, at most.
         env: the map itself.
         shadow_error: predicted display error of one visibility a cluster.
@@ -171,5 +171,5 @@ def _edges(clusters: Clusters) -> F32:
     """`PreparedLight.edge`: the variance of an even square along an axis is a third of its half width squared."""
     weight = np.concatenate([clusters.energy, clusters.solid_angle[None]]).astype(np.float64)
     half = weight * np.sqrt(1.5 * clusters.spread.astype(np.float64))
-    over = np.where(half > 1e-30, 0.25 / np.maximum(half, 1e-30), 0.0)
+    over = np.where(half > 1e-30, 0.5 / np.sqrt(np.maximum(half, 1e-30)), 0.0)
     return np.concatenate([half, over]).astype(np.float32)

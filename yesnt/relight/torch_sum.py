@@ -106,8 +106,8 @@ class _Sums:
 
         mean = torch.einsum("pa,kac->pkc", normal, self.moment)
         half, over = self.edge[:4], self.edge[4:]
-        part = torch.minimum((mean + half).clamp(min=0), 2 * half)
-        found = ((part * part * over + (mean - half).clamp(min=0)) * seen[:, None]).sum(2)
+        part = torch.minimum((mean + half).clamp(min=0), 2 * half) * over
+        found = ((part.square() + (mean - half).clamp(min=0)) * seen[:, None]).sum(2)
         sums[:, :3] += found[:, :3]
         sums[:, 16] += found[:, 3]
 

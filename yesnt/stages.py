@@ -63,7 +63,7 @@ STAGES = {
         Stage("relight", 8, "frame", "plate, G-buffer, proxy, material, light",
               ("base_color", "diffuse", "specular", "shadow")),
         Stage("composite", 1, "frame", "diffuse, specular, background"),
-        Stage("preview", 2, "second of the film; then the shot", "the EXR sequence"),
+        Stage("preview", 3, "second of the film; then the shot", "the EXR sequence"),
     )
 }  # fmt: skip
 """Every stage by name, in order."""

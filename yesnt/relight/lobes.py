@@ -9,6 +9,9 @@ A texel is a disc, not a point. In slopes m = q_t / s GGX is a2 / (pi (m^2 + a2)
 uniform sphere, which maps discs to caps. So the mean of D over a disc of squared radius d is exact:
     with x = m^2 + a2 - d and r = sqrt(x^2 + 4 a2 d):  2 a2 / (pi r (r + x)),
 and no lobe, however sharp, falls between texels, nor does its tail grow as texels do.
+
+Rows of texels are x, y, z, red, green, blue, solid angle and spread (`Texels.rows`), counted from 0 by unsigned
+numbers: of an index that might be negative LLVM makes gathers.
 """
 
 from __future__ import annotations

@@ -66,3 +66,12 @@ def test_the_plan_tells_how_many_evaluations_there_will_be(tmp_path: Path) -> No
     assert after.most == before.most - 8
     run_here(path)
     assert forecast_evaluations(session, session.graph()).most == 0
+
+
+def test_a_backend_that_says_what_to_expect_stops_at_the_first_members_and_the_plan_knows(tmp_path: Path) -> None:
+    path = write_tiny_shot(tmp_path, 2, decompose={"samples": 8, "knobs": {"tolerance": 0.02, "steps": 1}})
+    session = Session(path)
+    before = forecast_evaluations(session, session.graph())
+    assert before.least == before.expected == before.most == 2 * 2
+    run_here(path)
+    assert sum(session.book.find("decompose", f).facts["evaluations"] for f in session.job.frames) == 4

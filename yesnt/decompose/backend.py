@@ -41,6 +41,8 @@ class Footprint:
         evaluations: network evaluations of one member of one patch.
         window: frames of a call of a video backend; 0: frames are drawn apart.
         overlap: frames that neighbouring windows share at least.
+        expects: the backend says what to expect (`Expecting`), so that with a tolerance no patch gets more than the
+            first members.
     """
 
     patch: int | None
@@ -48,6 +50,7 @@ class Footprint:
     evaluations: int
     window: int = 0
     overlap: int = 0
+    expects: bool = False
 
 
 class Backend(Protocol):

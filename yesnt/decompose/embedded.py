@@ -11,7 +11,7 @@ from yesnt.decompose.backend import Licence
 from yesnt.decompose.context import ContextBatch
 from yesnt.decompose.latents import default_device
 from yesnt.decompose.network import at_patch, noised
-from yesnt.decompose.opinion import SURVEY_SIDE, heard
+from yesnt.decompose.opinion import SURVEY_SIDE, enlarged, heard
 from yesnt.decompose.threads import one_thread
 from yesnt.decompose.weights import SHIPPED, SMOOTH_SIGMAS, file_digest, load_weights
 
@@ -81,11 +81,7 @@ class EmbeddedBackend:
 
     @staticmethod
     def _read(condition: torch.Tensor) -> torch.Tensor:
-        return 0.5 + 0.5 * EmbeddedBackend._enlarged(condition[:, :2]).clamp(-1, 1)
-
-    @staticmethod
-    def _enlarged(planes: torch.Tensor) -> torch.Tensor:
-        return functional.interpolate(planes, scale_factor=2, mode="bilinear", align_corners=False)
+        return 0.5 + 0.5 * enlarged(condition[:, :2], 2 * condition.shape[-1]).clamp(-1, 1)
 
     @one_thread()
     @torch.no_grad()
@@ -97,7 +93,7 @@ class EmbeddedBackend:
             state = planes[:, :2] if i == 0 else noised(clean, planes[:, :2], time)
             clean = self._network.denoiser(state, planes[:, 2:], condition, time).clamp(-1, 1)
         # Reader and opinion speak at half the resolution; what is finer in a draw is the pixel shuffle's pattern.
-        drawn = self._enlarged(0.5 + 0.5 * functional.avg_pool2d(clean, 2))
+        drawn = enlarged(0.5 + 0.5 * functional.avg_pool2d(clean, 2), clean.shape[-1])
         roughness = (drawn[:, :1] - _excess(self._read(condition))).clamp(0, 1)  # draws keep their spread
         return torch.cat([roughness, drawn[:, 1:]], 1)
 

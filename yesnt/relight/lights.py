@@ -23,8 +23,8 @@ GRID_ROWS = 128
 """Rows of the finest grid that texels are cut from: 1.4 degrees, finer than one visibility can tell."""
 
 EVEN = 128
-"""Clusters from which one that the horizon cuts is taken for an even square: irradiance is then off by 0.3 % at most in
-root mean square. Of 32, bright beside dark, it is off by 1 %, and light leaks to normals that see hardly any."""
+"""Clusters from which one that the horizon cuts is taken for an even square. Fewer are too large: beside a bright side
+light leaks to normals that see hardly any (tests/relight/test_irradiance.py bounds what is left)."""
 
 DETAIL = 0.45
 """Angular size of a texel over the width of the lobe where it lies, at most, unless a quality says otherwise."""

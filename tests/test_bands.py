@@ -11,13 +11,13 @@ import pytest
 from tests.tiny_shot import write_tiny_shot
 from yesnt.chunks import Extent, matte_extent, plan_chunks
 from yesnt.cluster import ClusterSpec, open_cluster
+from yesnt.core.shot import TemporalInput
 from yesnt.driver import is_done
 from yesnt.forecast import forecast
 from yesnt.graph import Graph
 from yesnt.io.capture import read_matte
 from yesnt.io.store import FrameStore
 from yesnt.session import RunOptions, Session
-from yesnt.shot import TemporalInput
 from yesnt.tasks import run_node
 from yesnt.temporal import EnergyParams
 from yesnt.workflows.shot import shot_graph

@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from yesnt.channels import CHANNELS, DELIVERED, STORED
+from yesnt.core.channels import CHANNELS, DELIVERED, STORED
 from yesnt.stages import STAGES
 
 ROOT = Path(__file__).parent.parent

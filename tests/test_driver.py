@@ -11,11 +11,11 @@ from distributed.comm import CommClosedError
 
 from tests.fake_tasks import fake_task, runs_of
 from yesnt.cluster import ClusterSpec, open_cluster
+from yesnt.core.errors import ClusterLostError, UsageError
+from yesnt.core.shot import GBufferInput, Job, LightInput, PlateInput, Shot
 from yesnt.driver import Driver, DriverSettings, Outcome
-from yesnt.errors import ClusterLostError, UsageError
 from yesnt.graph import Graph, Node
 from yesnt.io.records import RecordBook
-from yesnt.shot import GBufferInput, Job, LightInput, PlateInput, Shot
 
 pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning")  # Dask closes sockets of killed workers late
 

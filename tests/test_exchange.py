@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from yesnt.chunks import DECOMPOSING, DECOMPOSING_PIXEL, SHORTEST, Extent, plan_chunks
+from yesnt.core.shot import TemporalInput
 from yesnt.exchange import Exchange
-from yesnt.shot import TemporalInput
 from yesnt.temporal import EnergyParams
 from yesnt.temporal.blocks import listed_bytes
 

@@ -11,7 +11,7 @@ import torch
 from tests.in_process import run_here
 from tests.temporal.test_flow import spynet_state
 from tests.tiny_shot import write_tiny_shot
-from yesnt.errors import JobError
+from yesnt.core.errors import JobError
 from yesnt.io.exr import write_exr
 from yesnt.io.store import FrameStore
 from yesnt.preflight import inspect_form

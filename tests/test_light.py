@@ -11,8 +11,8 @@ import yaml
 
 from tests.in_process import run_here
 from tests.tiny_shot import write_tiny_shot
-from yesnt.camera import Camera
-from yesnt.errors import JobError
+from yesnt.core.camera import Camera
+from yesnt.core.errors import JobError
 from yesnt.forecast import forecast
 from yesnt.io.exr import read_image, write_exr
 from yesnt.relight import EnvMap, GBuffer, shade

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.tiny_shot import write_tiny_shot
-from yesnt.errors import JobError, YesntError
+from yesnt.core.errors import JobError, YesntError
 from yesnt.io.exr import read_image, write_exr
 from yesnt.io.output import OutputFolder
 from yesnt.preflight import inspect, resolve

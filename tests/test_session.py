@@ -13,7 +13,7 @@ import pytest
 from tests.tiny_shot import write_tiny_shot
 from yesnt.audit import explain, forget, states, verify
 from yesnt.cluster import ClusterSpec, open_cluster
-from yesnt.errors import UsageError
+from yesnt.core.errors import UsageError
 from yesnt.io.exr import read_image
 from yesnt.io.store import FrameStore
 from yesnt.session import RunOptions, RunResult, Session

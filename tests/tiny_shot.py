@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from yesnt.camera import Camera
+from yesnt.core.camera import Camera
 from yesnt.io.exr import write_exr
 
 RADIUS, DISTANCE, STEP = 0.5, 3.0, 0.03

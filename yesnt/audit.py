@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from yesnt.errors import CorruptError, UsageError
+from yesnt.core.errors import CorruptError, UsageError
 from yesnt.graph import Graph, Node
 from yesnt.io.capture import file_digest
 from yesnt.io.jobfile import parse_frames

@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from yesnt.errors import ClusterLostError, MissingPartError, UsageError
+from yesnt.core.errors import ClusterLostError, MissingPartError, UsageError
 
 if TYPE_CHECKING:
     from distributed import Client

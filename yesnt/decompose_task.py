@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt import settings as of
+from yesnt.core.shot import Job, Knob
 from yesnt.decompose.registry import open_backend
 from yesnt.decompose.reuse import Link, Prior, carry_back
 from yesnt.decompose.window import blend, estimate_clip, make_clip
 from yesnt.io import capture
-from yesnt.shot import Job, Knob
 from yesnt.workspace import Workspace
 
 Float32 = NDArray[np.float32]

@@ -13,8 +13,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from yesnt.errors import ClusterLostError, YesntError
-from yesnt.faults import fault_point
+from yesnt.core.errors import ClusterLostError, YesntError
+from yesnt.core.fault_points import fault_point
 from yesnt.graph import Graph, Node, NodeId
 from yesnt.io.durable import disk_full, is_full
 from yesnt.io.records import RecordBook

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
-from yesnt.errors import JobError
+from yesnt.core.errors import JobError
 
 SHOT = Path(__file__).parent / "data" / "shot"
 """The embedded shot: inputs in the contract's form and the truth beside them."""

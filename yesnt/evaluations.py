@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from yesnt import settings as of
+from yesnt.core.shot import Job
 from yesnt.decompose.blend import PatchGrid
 from yesnt.driver import is_done
 from yesnt.graph import Graph, Node
 from yesnt.io.capture import read_matte
 from yesnt.session import Session
-from yesnt.shot import Job
 
 TYPICAL_SHARE = {"full": 0.35, "between": 0.1}
 """Share of all members that a frame drawn in full, and one between keyframes, spends where a tolerance is set.

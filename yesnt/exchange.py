@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 
-from yesnt.blocks import Block, chunk_blocks
 from yesnt.chunks import ROUND, ChunkPlan
+from yesnt.core.blocks import Block, chunk_blocks
 from yesnt.io.store import ArrayForm
 
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from yesnt import settings as of
 from yesnt.audit import DONE, states
-from yesnt.camera import Camera
 from yesnt.chunks import ROUND
+from yesnt.core.camera import Camera
 from yesnt.driver import is_done
 from yesnt.evaluations import Evaluations, forecast_evaluations
 from yesnt.graph import Graph, Node

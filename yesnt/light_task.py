@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt import settings as of
-from yesnt.camera import Camera
+from yesnt.core.camera import Camera
+from yesnt.core.shot import CaptureInput, Job, LightInput
 from yesnt.io import capture
 from yesnt.io.jobfile import frame_path
-from yesnt.shot import CaptureInput, Job, LightInput
 from yesnt.workspace import Workspace
 
 if TYPE_CHECKING:

@@ -9,15 +9,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from yesnt import settings as of
-from yesnt.camera import Camera
+from yesnt.core.camera import Camera
+from yesnt.core.errors import JobError
+from yesnt.core.shot import Job, Shot
 from yesnt.decompose.identity import BackendIdentity, identify_backend
-from yesnt.errors import JobError
 from yesnt.io import capture
 from yesnt.io.exr import read_header
 from yesnt.io.jobfile import frame_path, frames_on_disk, load_shot, parse_frames, pass_patterns
 from yesnt.io.mesh import read_mesh
 from yesnt.io.output import OutputFolder
-from yesnt.shot import Job, Shot
 from yesnt.temporal.flow import LEARNED
 
 READERS = 2

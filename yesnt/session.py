@@ -15,8 +15,8 @@ from typing import Any
 from yesnt import settings as of
 from yesnt.chunks import ChunkPlan, Extent, fits_whole, matte_extent, plan_chunks
 from yesnt.cluster import ClusterSpec, check_kind, open_cluster, warm_up
+from yesnt.core.errors import UsageError
 from yesnt.driver import Driver, DriverSettings, Outcome, is_done
-from yesnt.errors import UsageError
 from yesnt.graph import Graph, Node, NodeId
 from yesnt.io.durable import sweep_partials, write_json
 from yesnt.io.jobfile import parse_frames

@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from yesnt.errors import JobError
-from yesnt.shot import Knob, Shot
+from yesnt.core.errors import JobError
+from yesnt.core.shot import Knob, Shot
 
 if TYPE_CHECKING:
     from yesnt.decompose.settings import EnsembleSettings

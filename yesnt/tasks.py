@@ -11,17 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt import settings as of
-from yesnt.camera import Camera
-from yesnt.channels import CHANNELS, DELIVERED
 from yesnt.cluster import pin_threads
-from yesnt.color import CHROMATICITIES_REC709
+from yesnt.core.camera import Camera
+from yesnt.core.channels import CHANNELS, DELIVERED
+from yesnt.core.color import CHROMATICITIES_REC709
+from yesnt.core.shot import Job, Shot
 from yesnt.graph import Node
 from yesnt.io import capture
 from yesnt.io.capture import file_digest
 from yesnt.io.exr import write_exr
 from yesnt.io.jobfile import frame_path
 from yesnt.light_task import backdrop, prepared_lights
-from yesnt.shot import Job, Shot
 from yesnt.workspace import Workspace, release_memory, trim_memory
 
 if TYPE_CHECKING:

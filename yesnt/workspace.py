@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.camera import Camera
-from yesnt.errors import CorruptError
+from yesnt.core.camera import Camera
+from yesnt.core.errors import CorruptError
+from yesnt.core.shot import Job
 from yesnt.graph import Node
 from yesnt.io import capture
 from yesnt.io.jobfile import frame_path
@@ -26,7 +27,6 @@ from yesnt.io.output import OutputFolder
 from yesnt.io.records import Record, RecordBook
 from yesnt.io.shelf import Shelf, file_identity
 from yesnt.io.store import FrameStore
-from yesnt.shot import Job
 
 Float32 = NDArray[np.float32]
 

@@ -19,7 +19,7 @@ import numpy as np
 import torch
 from scipy.stats import rankdata, spearmanr
 
-from yesnt.color import srgb_encode, straighten
+from yesnt.core.color import srgb_encode, straighten
 from yesnt.decompose.embedded import EmbeddedBackend
 from yesnt.decompose.ensemble import estimate_frame
 from yesnt.decompose.settings import EnsembleSettings

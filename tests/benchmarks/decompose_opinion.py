@@ -20,7 +20,7 @@ import torch
 from decompose_accuracy import Regression, area_under_curve, rmse, strip
 from scipy.stats import spearmanr
 
-from yesnt.color import straighten
+from yesnt.core.color import straighten
 from yesnt.decompose.embedded import PRIOR_ROUGHNESS, TRUST, EmbeddedBackend
 from yesnt.decompose.ensemble import estimate_frame
 from yesnt.decompose.settings import EnsembleSettings

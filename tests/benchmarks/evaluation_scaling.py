@@ -33,7 +33,7 @@ def scene(width, height):
     """A sphere 3 m before the camera: camera, matte, z, normal, plate."""
     import numpy as np
 
-    from yesnt.camera import Camera
+    from yesnt.core.camera import Camera
 
     pose = {"1": {"world_from_camera": [[1, 0, 0, 0], [0, 0, 1, -3], [0, -1, 0, 0], [0, 0, 0, 1]]}}
     intrinsics = {"fx": 1.03 * height, "fy": 1.03 * height, "cx": width / 2, "cy": height / 2}

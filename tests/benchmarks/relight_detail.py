@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from relight_speed import env, pixels
 
-from yesnt.color import srgb_encode
+from yesnt.core.color import srgb_encode
 from yesnt.relight import EnvMap, prepare_light
 from yesnt.relight.choice import LEAST_COSINE, TAIL
 from yesnt.relight.combine import normalise

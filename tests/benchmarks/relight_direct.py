@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 from relight_ladder import psnr, rgb
 
-from yesnt.camera import Camera
-from yesnt.color import straighten
+from yesnt.core.camera import Camera
+from yesnt.core.color import straighten
 from yesnt.io.exr import read_image
 from yesnt.io.mesh import read_mesh
 from yesnt.relight import EnvMap, ProxyScene, RelightSettings, Surface, prepare_relight

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from yesnt.camera import Camera
-from yesnt.color import srgb_encode, straighten
+from yesnt.core.camera import Camera
+from yesnt.core.color import srgb_encode, straighten
 from yesnt.io.exr import read_image
 from yesnt.io.mesh import read_mesh
 from yesnt.relight import (

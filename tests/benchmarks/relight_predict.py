@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from relight_ladder import load, psnr
 
-from yesnt.color import srgb_encode
+from yesnt.core.color import srgb_encode
 from yesnt.relight import EnvMap, RelightSettings, prepare_capture, prepare_relight, relight_frame
 from yesnt.relight.predict import SHARE
 

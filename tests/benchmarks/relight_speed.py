@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from numba import njit, prange
 
-from yesnt.color import srgb_encode
+from yesnt.core.color import srgb_encode
 from yesnt.relight import Camera, EnvMap, GBuffer, RelightSettings, prepare_light, shade
 from yesnt.relight.albedo import albedo_tables
 from yesnt.relight.brdf import alpha_ggx, half_vector_terms, smith_visibility

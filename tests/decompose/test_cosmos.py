@@ -5,13 +5,13 @@ import sys
 import numpy as np
 import pytest
 
-from yesnt.color import srgb_encode
+from yesnt.core.color import srgb_encode
+from yesnt.core.errors import JobError, YesntError
 from yesnt.decompose import cosmos
 from yesnt.decompose.cosmos import CosmosBackend, draw_seed
 from yesnt.decompose.published import COSMOS
 from yesnt.decompose.settings import EnsembleSettings
 from yesnt.decompose.window import make_clip
-from yesnt.errors import JobError, YesntError
 
 INFERENCE = "cosmos_predict1/diffusion/inference"
 SIZE = (44, 80)

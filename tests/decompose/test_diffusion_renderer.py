@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import torch
 
+from yesnt.core.errors import JobError
+from yesnt.core.noise import noise_field
 from yesnt.decompose.diffusion_renderer import DiffusionRendererBackend
 from yesnt.decompose.registry import footprint, open_backend
 from yesnt.decompose.settings import EnsembleSettings
 from yesnt.decompose.window import make_clip
-from yesnt.errors import JobError
-from yesnt.noise import noise_field
 
 FRAMES, PATCH, STEPS = 4, 64, 2
 LICENCE = ["NVIDIA-NonCommercial"]

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 import torch
 
+from yesnt.core.errors import JobError
 from yesnt.decompose.checkpoint import Published
 from yesnt.decompose.ensemble import decompose_frame
 from yesnt.decompose.published import MARIGOLD
 from yesnt.decompose.registry import open_backend
 from yesnt.decompose.settings import EnsembleSettings
-from yesnt.errors import JobError
 
 PATCH = 32
 

@@ -2,8 +2,8 @@ import sys
 
 import pytest
 
+from yesnt.core.errors import JobError, MissingPartError
 from yesnt.decompose import latents, registry
-from yesnt.errors import JobError, MissingPartError
 
 
 def test_unknown_backend_lists_the_known():

@@ -7,7 +7,7 @@ import pytest
 import torch
 from scipy.stats import mannwhitneyu, spearmanr
 
-from yesnt.color import straighten
+from yesnt.core.color import straighten
 from yesnt.decompose.embedded import EmbeddedBackend
 from yesnt.decompose.ensemble import estimate_frame
 from yesnt.decompose.opinion import SURVEY_SIDE

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
-from yesnt.camera import Camera
+from yesnt.core.camera import Camera
 from yesnt.io.exr import write_exr
 from yesnt.relight import EnvMap, GBuffer, RelightSettings, shade
 

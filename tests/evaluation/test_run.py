@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.evaluation.conftest import rgb, write_shot
-from yesnt.errors import UsageError
+from yesnt.core.errors import UsageError
 from yesnt.evaluation.rows import ROWS
 from yesnt.evaluation.run import EvalOptions, run_evaluation
 from yesnt.io.exr import read_image, write_exr

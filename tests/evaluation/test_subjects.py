@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from yesnt.errors import JobError
+from yesnt.core.errors import JobError
 from yesnt.evaluation.subjects import find_subjects
 from yesnt.metrics.seen import truly_seen
 

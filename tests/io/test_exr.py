@@ -5,7 +5,7 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from yesnt.errors import JobError
+from yesnt.core.errors import JobError
 from yesnt.io import exr
 from yesnt.io.exr import EXR_COMPRESSIONS, read_header, read_image, write_exr
 

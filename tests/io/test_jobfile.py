@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from yesnt.errors import JobError, UsageError
+from yesnt.core.errors import JobError, UsageError
 from yesnt.io.jobfile import frame_path, frames_on_disk, load_shot, parse_frames
 
 GOOD = {

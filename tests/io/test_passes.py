@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from tests.tiny_shot import write_tiny_shot
-from yesnt.errors import JobError
+from yesnt.core.errors import JobError
 from yesnt.io.capture import read_passes
 from yesnt.io.exr import read_image, write_exr
 from yesnt.io.jobfile import pass_patterns

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from yesnt.errors import CorruptError
+from yesnt.core.errors import CorruptError
 from yesnt.io.store import FrameStore, array_digest
 
 SHAPE = (2, 20, 24)

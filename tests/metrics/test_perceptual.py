@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from yesnt.errors import CorruptError
+from yesnt.core.errors import CorruptError
 from yesnt.metrics.perceptual import PerceptualNet
 
 SHAPES = ((64, 3, 11), (192, 64, 5), (384, 192, 3), (256, 384, 3), (256, 256, 3))

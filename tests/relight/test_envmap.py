@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tests.relight.scenes import sky, sphere
-from yesnt.errors import JobError
+from yesnt.core.errors import JobError
 from yesnt.relight import EnvMap, prepare_light, shade
 from yesnt.relight.envmap import cell_moments, direction_to_uv, rotation_matrix, row_solid_angles, uv_to_direction
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.relight.scenes import box_mesh, camera, sky, sphere, surface
-from yesnt.errors import JobError
+from yesnt.core.errors import JobError
 from yesnt.relight import (
     EnvMap,
     FrameInputs,
@@ -30,7 +30,7 @@ def relight(plate, gbuffer, cam, env, capture, settings, proxy=None):
 def floor_and_block():
     """A floor seen from above with a block hovering over its middle, as a G-buffer of the floor alone."""
     pose = np.array([[1.0, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 3.0], [0, 0, 0, 1]])
-    from yesnt.camera import Camera
+    from yesnt.core.camera import Camera
 
     cam = Camera(20, 20, 20.0, 20.0, 10.0, 10.0, {1: pose})
     ones = np.ones((20, 20), np.float32)

@@ -2,7 +2,7 @@ import numpy as np
 
 from tests.relight.scenes import sky
 from tests.relight.test_frame import relight
-from yesnt.camera import Camera
+from yesnt.core.camera import Camera
 from yesnt.relight import GBuffer, ProxyScene, RelightSettings
 from yesnt.relight.sparse import STEP, bands
 

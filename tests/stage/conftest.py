@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from yesnt.camera import Camera
-from yesnt.errors import MissingPartError
+from yesnt.core.camera import Camera
+from yesnt.core.errors import MissingPartError
 from yesnt.stage import develop
 from yesnt.stage.cameras import look_at
 from yesnt.stage.paint import Between, Layer, coat_to_json, fields_of

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from yesnt.errors import CorruptError
+from yesnt.core.errors import CorruptError
 from yesnt.stage import develop
 from yesnt.stage.package import round_mantissa
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import binary_erosion, map_coordinates
 
-from yesnt.camera import Camera
+from yesnt.core.camera import Camera
 from yesnt.io.exr import read_image
 from yesnt.io.jobfile import load_shot, parse_frames
 

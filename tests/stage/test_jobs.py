@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from yesnt.errors import MissingPartError, UsageError
+from yesnt.core.errors import MissingPartError, UsageError
 from yesnt.stage.assets import MANIFEST
 from yesnt.stage.cameras import look_at
 from yesnt.stage.jobs import CAPTURE, SETS, RenderJob, stage_jobs

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from yesnt.camera import Camera
-from yesnt.errors import MissingPartError
+from yesnt.core.camera import Camera
+from yesnt.core.errors import MissingPartError
 from yesnt.io.exr import read_image
 from yesnt.stage.jobs import stage_jobs
 from yesnt.stage.render import render

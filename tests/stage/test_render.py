@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from yesnt.camera import Camera
-from yesnt.errors import JobError, MissingPartError, YesntError
+from yesnt.core.camera import Camera
+from yesnt.core.errors import JobError, MissingPartError, YesntError
 from yesnt.io.exr import read_image
 from yesnt.io.jobfile import load_shot
 from yesnt.stage.jobs import stage_jobs

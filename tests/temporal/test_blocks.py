@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from yesnt.blocks import chunk_blocks, row_bands
+from yesnt.core.blocks import chunk_blocks, row_bands
 from yesnt.temporal import (
     BlockLists,
     Border,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from yesnt.errors import JobError
+from yesnt.core.errors import JobError
 from yesnt.temporal import EnergyParams, solve
 
 

@@ -140,7 +140,7 @@ def spynet_state(push, prefix="spynet."):
 
 
 def test_spynet_adds_up_its_levels_and_says_what_is_absent():
-    from yesnt.errors import MissingPartError
+    from yesnt.core.errors import MissingPartError
     from yesnt.temporal.spynet import SpyNet
 
     picture = np.zeros((70, 64, 3), np.uint8)
@@ -160,7 +160,7 @@ def test_weights_are_read_as_tensors_and_a_pickle_is_never_run(tmp_path):
     import torch
     from safetensors.torch import save_file
 
-    from yesnt.errors import JobError
+    from yesnt.core.errors import JobError
     from yesnt.temporal.spynet import open_spynet
 
     picture, state = np.zeros((64, 64, 3), np.uint8), spynet_state(0.5)
@@ -180,7 +180,7 @@ def test_weights_are_read_as_tensors_and_a_pickle_is_never_run(tmp_path):
 
 
 def test_a_learned_method_without_weights_is_refused():
-    from yesnt.errors import JobError
+    from yesnt.core.errors import JobError
 
     frames, mattes = moving_disc()
     with pytest.raises(JobError, match="needs weights"):

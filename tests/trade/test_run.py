@@ -7,8 +7,8 @@ import sys
 import pytest
 
 from tests.tiny_shot import write_tiny_shot
+from yesnt.core.errors import UsageError
 from yesnt.decompose.settings import EnsembleSettings
-from yesnt.errors import UsageError
 from yesnt.session import Session
 from yesnt.trade import TradeOptions, run_trade
 from yesnt.trade import run as module

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import torch
 
+from yesnt.core.errors import JobError, MissingPartError
 from yesnt.decompose.network import Network, NetworkShape
 from yesnt.decompose.opinion import OPINION_SIDE, SURVEY_SIDE, Opinion, displayed
 from yesnt.decompose.trunk import Trunk
 from yesnt.decompose.weights import load_weights, save_weights
-from yesnt.errors import JobError, MissingPartError
 from yesnt.training import __main__ as command
 from yesnt.training import opinion as training
 from yesnt.training import published_trunk as published

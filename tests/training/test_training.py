@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import torch
 
+from yesnt.core.errors import CorruptError, JobError
 from yesnt.decompose import embedded
 from yesnt.decompose.context import CONTEXT_SIDE, ContextBatch
 from yesnt.decompose.embedded import EmbeddedBackend
 from yesnt.decompose.network import Network, NetworkShape, noised
 from yesnt.decompose.weights import PATCH, load_weights, save_weights
-from yesnt.errors import CorruptError, JobError
 from yesnt.training import trainer as training
 from yesnt.training.__main__ import main
 from yesnt.training.losses import energy_score, reading_loss

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from yesnt.errors import YesntError
+from yesnt.core.errors import YesntError
 
 INTERRUPTED = 130
 

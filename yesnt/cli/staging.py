@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from yesnt.errors import UsageError
+from yesnt.core.errors import UsageError
 
 
 def drive_stage(sets: list[str], out: Path, cache: Path, small: bool, workers: int, cluster: str) -> int:

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
-from yesnt.errors import YesntError
+from yesnt.core.errors import YesntError
 
 if TYPE_CHECKING:
     from yesnt.audit import FrameState

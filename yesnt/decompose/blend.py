@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.blocks import patch_origins
+from yesnt.core.blocks import patch_origins
 
 Float32 = NDArray[np.float32]
 Number = TypeVar("Number", bound=np.generic)

@@ -6,7 +6,7 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
-from yesnt.errors import JobError
+from yesnt.core.errors import JobError
 
 _WHOLE_BYTES = 64 << 20
 """A file of at most this size is hashed whole."""

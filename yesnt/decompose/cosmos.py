@@ -17,11 +17,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.color import srgb_encode
+from yesnt.core.color import srgb_encode
+from yesnt.core.errors import JobError, YesntError
 from yesnt.decompose.backend import Clip, Footprint, Licence
 from yesnt.decompose.published import COSMOS
 from yesnt.decompose.settings import EnsembleSettings
-from yesnt.errors import JobError, YesntError
 
 Float32 = NDArray[np.float32]
 

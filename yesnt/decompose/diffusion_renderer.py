@@ -17,14 +17,14 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from yesnt.core.errors import JobError
+from yesnt.core.noise import noise_field
 from yesnt.decompose.backend import Clip, Footprint, Licence
 from yesnt.decompose.blend import Patch, PatchGrid, PatchSum
 from yesnt.decompose.latents import default_device, diffusers_for, local_only, precision_named, srgb
 from yesnt.decompose.published import DIFFUSION_RENDERER
 from yesnt.decompose.settings import EnsembleSettings
 from yesnt.decompose.threads import one_thread
-from yesnt.errors import JobError
-from yesnt.noise import noise_field
 
 Float32 = NDArray[np.float32]
 

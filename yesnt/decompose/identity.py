@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from yesnt.core.errors import JobError
 from yesnt.decompose.backend import Footprint
 from yesnt.decompose.checkpoint import Published, fingerprint
 from yesnt.decompose.registry import ENTRIES, check_licence, find_weights, footprint
-from yesnt.errors import JobError
 
 
 @dataclass(frozen=True)

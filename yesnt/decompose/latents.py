@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch.nn import functional as F
 
-from yesnt.errors import JobError, MissingPartError
+from yesnt.core.errors import JobError, MissingPartError
 
 _MODEL = "diffusion_pytorch_model"
 

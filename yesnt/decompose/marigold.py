@@ -7,6 +7,7 @@ from typing import Any
 
 import torch
 
+from yesnt.core.errors import JobError
 from yesnt.decompose.backend import Licence
 from yesnt.decompose.context import ContextBatch
 from yesnt.decompose.latents import (
@@ -20,7 +21,6 @@ from yesnt.decompose.latents import (
 )
 from yesnt.decompose.published import MARIGOLD
 from yesnt.decompose.threads import one_thread
-from yesnt.errors import JobError
 
 
 class MarigoldBackend:

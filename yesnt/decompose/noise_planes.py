@@ -6,7 +6,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from yesnt.noise import noise_field
+from yesnt.core.noise import noise_field
 
 Float32 = NDArray[np.float32]
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from yesnt.core.errors import JobError
 from yesnt.decompose.backend import Backend, Footprint, Licence, VideoBackend
 from yesnt.decompose.checkpoint import Published
 from yesnt.decompose.published import COSMOS, DIFFUSION_RENDERER, MARIGOLD, RGBX
-from yesnt.errors import JobError
 
 Knobs = Mapping[str, Any]
 

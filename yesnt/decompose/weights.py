@@ -9,8 +9,8 @@ import torch
 from safetensors import safe_open
 from safetensors.torch import save_file
 
+from yesnt.core.errors import CorruptError, JobError
 from yesnt.decompose.network import Network, NetworkShape
-from yesnt.errors import CorruptError, JobError
 
 SMOOTH_SIGMAS = (4.0, 16.0, 64.0)
 """Blur in pixels of the noise planes that steer a draw: from a seam to a whole garment."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.blocks import Span, patch_origins
+from yesnt.core.blocks import Span, patch_origins
 from yesnt.decompose.backend import Clip, Footprint, VideoBackend
 from yesnt.decompose.blend import unit_windows
 from yesnt.decompose.confidence import LARGEST_STD

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt import settings as of
-from yesnt.camera import Camera
+from yesnt.core.camera import Camera
 from yesnt.evaluation.judge import FILMED
 from yesnt.evaluation.nets import open_nets
 from yesnt.evaluation.pictures import write_materials

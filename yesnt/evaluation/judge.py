@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.color import srgb_encode
+from yesnt.core.color import srgb_encode
 from yesnt.evaluation.nets import open_nets
 from yesnt.evaluation.pictures import strip_name, write_strip
 from yesnt.evaluation.rows import EXACT_ARRAYS, ROWS, SEPARATIONS, Row

@@ -7,7 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from yesnt.errors import CorruptError, JobError
+from yesnt.core.errors import CorruptError, JobError
 
 if TYPE_CHECKING:
     from yesnt.metrics.perceptual import PerceptualNet

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.color import srgb_encode
+from yesnt.core.color import srgb_encode
 from yesnt.io.durable import write_bytes
 from yesnt.metrics.flip import flip_map
 from yesnt.metrics.score import Truth, box_of

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from yesnt.color import srgb_encode
+from yesnt.core.color import srgb_encode
 from yesnt.evaluation.plan import EvalPlan
 from yesnt.evaluation.rows import ROWS, Row
 from yesnt.evaluation.scene import SceneKey, open_scene

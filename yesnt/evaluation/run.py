@@ -14,8 +14,9 @@ from typing import Any
 import yaml
 
 from yesnt.cluster import ClusterSpec, open_cluster
+from yesnt.core.errors import JobError
+from yesnt.core.shot import Shot
 from yesnt.driver import Driver
-from yesnt.errors import JobError
 from yesnt.evaluation.constants import best_constants
 from yesnt.evaluation.page import write_page
 from yesnt.evaluation.plan import EvalPlan
@@ -28,7 +29,6 @@ from yesnt.io.durable import sweep_partials, write_bytes, write_json
 from yesnt.io.jobfile import load_shot
 from yesnt.io.store import FrameStore
 from yesnt.session import Session
-from yesnt.shot import Shot
 from yesnt.workflows.evaluate import constants_graph, evaluation_graph, ladder_graph
 
 Listener = Callable[[Mapping[str, Any]], None]

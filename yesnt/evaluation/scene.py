@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt import settings as of
-from yesnt.camera import Camera
+from yesnt.core.camera import Camera
+from yesnt.core.shot import Job
 from yesnt.evaluation.rows import Row
 from yesnt.io import capture
 from yesnt.io.jobfile import frame_path, has_frame_number
@@ -31,7 +32,6 @@ from yesnt.relight import (
 from yesnt.relight.frame import base_color, finish, shade_pixels
 from yesnt.relight.occlusion import Occluders, find_occluders
 from yesnt.relight.points import Pixels, gather_pixels
-from yesnt.shot import Job
 
 F32 = NDArray[np.float32]
 

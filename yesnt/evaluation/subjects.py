@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.color import straighten
-from yesnt.errors import JobError, UsageError
+from yesnt.core.color import straighten
+from yesnt.core.errors import JobError, UsageError
 from yesnt.io.exr import read_image
 from yesnt.io.jobfile import frame_path, frames_on_disk
 

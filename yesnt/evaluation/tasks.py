@@ -6,11 +6,11 @@ from collections.abc import Callable
 from typing import Any
 
 from yesnt.cluster import pin_threads
+from yesnt.core.shot import Job
 from yesnt.evaluation.film import exact, film, material
 from yesnt.evaluation.judge import judge, search
 from yesnt.evaluation.remains import bounces
 from yesnt.graph import Node
-from yesnt.shot import Job
 from yesnt.tasks import run_node
 from yesnt.workspace import Workspace
 

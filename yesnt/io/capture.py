@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.camera import Camera
-from yesnt.color import srgb_decode, straighten
-from yesnt.errors import JobError
+from yesnt.core.camera import Camera
+from yesnt.core.color import srgb_decode, straighten
+from yesnt.core.errors import JobError
+from yesnt.core.shot import Job, PlateInput
 from yesnt.io.exr import ExrImage, ImageHeader, read_image
 from yesnt.io.jobfile import frame_path, pass_patterns
-from yesnt.shot import Job, PlateInput
 
 MISS_Z = 1e9
 """Planar depth at or beyond this, or at most 0, or not finite, means "nothing was hit" (Blender writes 1e10)."""

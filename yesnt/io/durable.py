@@ -11,8 +11,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from yesnt.errors import CorruptError, YesntError
-from yesnt.faults import fault_point
+from yesnt.core.errors import CorruptError, YesntError
+from yesnt.core.fault_points import fault_point
 
 PARTIAL = ".partial"
 """Suffix of files that a killed process may leave; they are ignored and swept at the next run."""

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.errors import CorruptError, JobError
+from yesnt.core.errors import CorruptError, JobError
 from yesnt.io.durable import durable_path
 
 MAX_SIDE = 32768

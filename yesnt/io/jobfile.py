@@ -11,8 +11,8 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
-from yesnt.errors import JobError, UsageError
-from yesnt.shot import Shot
+from yesnt.core.errors import JobError, UsageError
+from yesnt.core.shot import Shot
 
 MAX_JOB_BYTES = 1 << 20
 MAX_FRAMES = 1_000_000

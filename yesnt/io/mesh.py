@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.errors import JobError
+from yesnt.core.errors import JobError
 
 MAX_MESH_BYTES = 1 << 30
 SUFFIXES = (".ply", ".obj", ".stl")

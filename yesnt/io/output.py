@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
 
-from yesnt.errors import JobError
-from yesnt.shot import Job
+from yesnt.core.errors import JobError
+from yesnt.core.shot import Job
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.color import srgb_encode
+from yesnt.core.color import srgb_encode
 from yesnt.io.durable import durable_path
 from yesnt.io.exr import read_planes
 

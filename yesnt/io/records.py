@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from yesnt.faults import fault_point
+from yesnt.core.fault_points import fault_point
 from yesnt.io.durable import write_json
 
 

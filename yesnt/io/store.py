@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from zarr.codecs import BytesCodec, Crc32cCodec, ZstdCodec
 from zarr.storage import LocalStore
 
-from yesnt.channels import CHANNELS
-from yesnt.errors import CorruptError
+from yesnt.core.channels import CHANNELS
+from yesnt.core.errors import CorruptError
 from yesnt.io.durable import link_file, write_bytes
 
 _ZSTD_LEVEL = -1

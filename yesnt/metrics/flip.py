@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import correlate1d
 
-from yesnt.color import luminance, srgb_decode
+from yesnt.core.color import luminance, srgb_decode
 
 Picture = NDArray[np.floating]
 Float = NDArray[np.float64]

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.errors import CorruptError
+from yesnt.core.errors import CorruptError
 
 if TYPE_CHECKING:
     import torch

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.color import srgb_encode
+from yesnt.core.color import srgb_encode
 from yesnt.metrics.definitions import Metric, named
 from yesnt.metrics.flip import exposure_range, flip_map, hdr_flip_map
 from yesnt.metrics.image import channel_scale, decibels, mean_squared_error, psnr, ssim_map

@@ -1,6 +1,6 @@
 """Physically based relighting under an environment map (method.md section 5)."""
 
-from yesnt.camera import Camera
+from yesnt.core.camera import Camera
 from yesnt.relight.envmap import EnvMap
 from yesnt.relight.estimate import estimate_capture
 from yesnt.relight.frame import FrameInputs, RelitFrame, prepare_capture, prepare_relight, relight_frame

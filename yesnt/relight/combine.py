@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.color import LUMINANCE_REC709, luminance
+from yesnt.core.color import LUMINANCE_REC709, luminance
 from yesnt.relight.albedo import albedo_tables, disney_albedo, energy_terms, multiple_scattering
 from yesnt.relight.brdf import F0_DIELECTRIC
 from yesnt.relight.kernels import DIELECTRIC, IRRADIANCE, METAL_F0, METAL_F90, OPEN_LIGHT, WHITE

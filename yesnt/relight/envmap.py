@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_matrix
 
-from yesnt.color import luminance
-from yesnt.errors import JobError
+from yesnt.core.color import luminance
+from yesnt.core.errors import JobError
 
 Float = NDArray[np.floating]
 

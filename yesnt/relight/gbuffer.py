@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.camera import Camera
+from yesnt.core.camera import Camera
 from yesnt.relight.envmap import EnvMap
 from yesnt.relight.frame import finish_edges, prepare_relight, shade_pixels
 from yesnt.relight.lights import PreparedLight

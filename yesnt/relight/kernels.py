@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from yesnt.color import LUMINANCE_REC709
+from yesnt.core.color import LUMINANCE_REC709
 from yesnt.relight.choice import FEW, LEAST_COSINE, at_the_horizon, choose, in_sight, least_bearable
 from yesnt.relight.compiled import inlined, kernel
 from yesnt.relight.irradiance import above_the_horizon, clamped_cosine

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.color import luminance
+from yesnt.core.color import luminance
 from yesnt.relight.envmap import EnvMap, cell_moments
 from yesnt.relight.predict import cluster_error, enough_clusters, light_radius
 from yesnt.relight.texels import LANES, Texels, assemble, box_sums, centroid, cut_levels, spread

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.camera import Camera
+from yesnt.core.camera import Camera
 from yesnt.relight.brdf import COS_MIN, alpha_ggx
 from yesnt.relight.kernels import ShadingPoints
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.color import luminance
+from yesnt.core.color import luminance
 from yesnt.relight.tree import Box, doublings
 
 F32 = NDArray[np.float32]

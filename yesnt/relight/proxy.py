@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from yesnt.errors import JobError
+from yesnt.core.errors import JobError
 from yesnt.relight.lights import Clusters
 from yesnt.relight.predict import bounces_worth
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from yesnt.color import luminance
+from yesnt.core.color import luminance
 from yesnt.relight.brdf import alpha_ggx
 from yesnt.relight.choice import least_bearable
 from yesnt.relight.film import read_at_centres

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 from types import MappingProxyType
 from typing import Any, Literal
 
-from yesnt.errors import JobError
+from yesnt.core.errors import JobError
 
 BaseColor = Literal["capture_removed", "plate"]
 Brdf = Literal["default", "paper"]

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.color import luminance
+from yesnt.core.color import luminance
 from yesnt.relight.tree import Box
 
 F32 = NDArray[np.float32]

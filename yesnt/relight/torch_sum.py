@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.color import LUMINANCE_REC709
+from yesnt.core.color import LUMINANCE_REC709
 from yesnt.relight.brdf import COS_MIN
 from yesnt.relight.choice import LEAST_COSINE, TAIL
 from yesnt.relight.kernels import COLUMNS, WIDEN, ShadingPoints, cluster_rows

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.color import srgb_encode
-from yesnt.errors import YesntError
+from yesnt.core.color import srgb_encode
+from yesnt.core.errors import YesntError
 from yesnt.io.capture import read_plate
 from yesnt.io.exr import read_image
 from yesnt.io.store import FrameStore

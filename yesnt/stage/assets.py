@@ -15,7 +15,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Literal
 
-from yesnt.errors import CorruptError, MissingPartError, YesntError
+from yesnt.core.errors import CorruptError, MissingPartError, YesntError
 from yesnt.io.durable import write_bytes
 
 

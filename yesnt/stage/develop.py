@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.errors import CorruptError
+from yesnt.core.errors import CorruptError
 
 Plane = NDArray[np.floating]
 Passes = Mapping[str, NDArray[np.float32]]

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from yesnt.errors import UsageError
+from yesnt.core.errors import UsageError
 from yesnt.stage.cameras import Matrix, look_at
 from yesnt.stage.subjects import SUBJECTS, describe
 

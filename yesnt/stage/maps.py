@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.errors import UsageError
+from yesnt.core.errors import UsageError
 from yesnt.io.durable import durable_path
 from yesnt.io.exr import read_image
 from yesnt.stage.assets import MANIFEST, fetch

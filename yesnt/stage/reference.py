@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from yesnt.color import straighten
-from yesnt.errors import JobError
+from yesnt.core.color import straighten
+from yesnt.core.errors import JobError
 from yesnt.io.exr import read_image, write_exr
 from yesnt.stage.jobs import RenderJob
 

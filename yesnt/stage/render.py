@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from yesnt.errors import CorruptError
+from yesnt.core.errors import CorruptError
 from yesnt.io.durable import write_bytes, write_json
 from yesnt.io.exr import write_exr
 from yesnt.stage import develop

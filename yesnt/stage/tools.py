@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from yesnt.errors import MissingPartError, YesntError
+from yesnt.core.errors import MissingPartError, YesntError
 
 _HERE = Path(__file__).resolve().parent
 BLENDER_VARIABLE = "YESNT_BLENDER"

@@ -13,8 +13,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.color import luminance, srgb_encode
-from yesnt.errors import JobError
+from yesnt.core.color import luminance, srgb_encode
+from yesnt.core.errors import JobError
 from yesnt.temporal.geometry import build_geometry
 
 Single = NDArray[np.float32]

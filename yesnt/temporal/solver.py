@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.errors import JobError
+from yesnt.core.errors import JobError
 from yesnt.temporal.adam import solve_adam
 from yesnt.temporal.geometry import Geometry, build_geometry, loosen_frame
 from yesnt.temporal.newton import Array, Limits, NewtonSolver, Outcome, Problem, State, solve_newton

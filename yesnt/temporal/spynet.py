@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.errors import JobError, MissingPartError
+from yesnt.core.errors import JobError, MissingPartError
 
 if TYPE_CHECKING:
     from torch import Tensor

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt import settings as of
-from yesnt.camera import Camera
-from yesnt.color import srgb_encode
+from yesnt.core.camera import Camera
+from yesnt.core.color import srgb_encode
 from yesnt.decompose.confidence import confidence
 from yesnt.decompose.registry import open_backend
 from yesnt.decompose.reuse import Link, carry_back

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from yesnt.errors import UsageError
+from yesnt.core.errors import UsageError
 from yesnt.io.durable import write_bytes, write_json
 from yesnt.session import Session
 from yesnt.trade.choose import Point, cheapest

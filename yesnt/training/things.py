@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.camera import Camera
+from yesnt.core.camera import Camera
 from yesnt.stage.cameras import look_at
 from yesnt.stage.paint import vertex_normals
 from yesnt.training.photo import Subject, View, shoot

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from yesnt.core.errors import JobError
 from yesnt.decompose.network import Network, NetworkShape
 from yesnt.decompose.weights import PATCH, channels_last, save_weights
-from yesnt.errors import JobError
 from yesnt.training.checkpoint import write_state
 from yesnt.training.draws import Draws
 from yesnt.training.losses import energy_score, reading_loss, whole_loss

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.errors import JobError
+from yesnt.core.errors import JobError
 
 _INTRINSICS = ("width", "height", "fx", "fy", "cx", "cy")
 _ROTATION_TOLERANCE = 1e-3  # cameras come from files with float32 or 5-digit text

@@ -131,7 +131,7 @@ def relight(space: Workspace) -> None:
 
 def composite(space: Workspace) -> None:
     """One delivered EXR."""
-    from yesnt.composite import associate, over
+    from yesnt.scene.composite import associate, over
 
     job, frame = space.job, space.node.frames[0]
     camera = _camera(str(frame_path(job.root, job.shot.camera, 0)))

@@ -120,7 +120,7 @@ def relight(width, height, quality):
 def composite(width, height, quality):
     import numpy as np
 
-    from yesnt.composite import associate, over
+    from yesnt.scene.composite import associate, over
 
     _, matte, _, _, plate = scene(width, height)
     return lambda: over(associate(plate, matte), np.ones_like(plate)), 1

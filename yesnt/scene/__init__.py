@@ -1,0 +1,1 @@
+"""Puts the relit subject into the target scene (method.md section 6)."""

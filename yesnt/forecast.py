@@ -217,7 +217,7 @@ def _relight_terms(session: Session) -> tuple[Requirement, ...]:
 
 def _short_normals(session: Session) -> float:
     """Share of the first frame's normals that are averages of several directions."""
-    from yesnt.relight.film import short_normals
+    from yesnt.relight.pixel_filter import short_normals
 
     job, first = session.job, session.job.frames[0]
     camera = Camera.open(frame_path(job.root, job.shot.camera, 0))

@@ -15,9 +15,9 @@ from relight_speed import env, pixels
 
 from yesnt.core.color import srgb_encode
 from yesnt.relight import EnvMap, prepare_light
-from yesnt.relight.choice import LEAST_COSINE, TAIL
 from yesnt.relight.combine import normalise
 from yesnt.relight.kernels import IRRADIANCE, METAL_F0, METAL_F90, sum_lobes
+from yesnt.relight.texel_lod import LEAST_COSINE, TAIL
 
 COUNT = 300
 EVERY_CELL = 1e-9

@@ -21,10 +21,10 @@ from yesnt.core.color import srgb_encode
 from yesnt.relight import Camera, EnvMap, GBuffer, RelightSettings, prepare_light, shade
 from yesnt.relight.albedo import albedo_tables
 from yesnt.relight.brdf import alpha_ggx, half_vector_terms, smith_visibility
-from yesnt.relight.choice import LEAST_COSINE
 from yesnt.relight.combine import normalise
 from yesnt.relight.kernels import METAL_F0, METAL_F90, WIDEN, sum_lobes
 from yesnt.relight.points import Pixels
+from yesnt.relight.texel_lod import LEAST_COSINE
 
 OPERATIONS = (
     43  # instructions of a pair of the dielectric lobe (lobes._broad), a square root or a division counted as one

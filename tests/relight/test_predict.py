@@ -6,8 +6,8 @@ import pytest
 from tests.relight.scenes import sky
 from tests.relight.test_frame import floor_and_block, relight
 from tests.relight.test_kernels import pixels
-from yesnt.relight import RelightSettings, glow, prepare_light, requirements
-from yesnt.relight.glow import LEVELS
+from yesnt.relight import RelightSettings, indirect, prepare_light, requirements
+from yesnt.relight.indirect import LEVELS
 from yesnt.relight.kernels import sum_lobes
 from yesnt.relight.predict import bounces_worth
 from yesnt.relight.scope import SceneFacts
@@ -69,7 +69,7 @@ def test_fine_texels_that_plan_leaves_out_are_not_read():
 
 def test_constant_roughness_filters_one_level_for_metal_in_metal(monkeypatch):
     gbuffer, cam, proxy = floor_and_block()
-    filtered, plain = [], glow._filtered
+    filtered, plain = [], indirect._filtered
     monkeypatch.setattr(glow, "_filtered", lambda light, level: (filtered.append(level), plain(light, level))[1])
     for metallic, levels in ((0.0, set()), (1.0, {LEVELS.index(0.25)})):
         filtered.clear()

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from yesnt.relight.combine import Response, normalise, response, shadow_ratio
 from yesnt.relight.edges import resolve_edges
 from yesnt.relight.envmap import EnvMap
-from yesnt.relight.film import film, film_of_light, meetings, read_at_centres, short_normals
-from yesnt.relight.glow import glow_of
+from yesnt.relight.indirect import glow_of
 from yesnt.relight.kernels import COLUMNS, LIT, sum_lobes
 from yesnt.relight.lights import PreparedLight, prepare_light
 from yesnt.relight.occlusion import Occluders, find_occluders, occlusion, single_factor
+from yesnt.relight.pixel_filter import film, film_of_light, meetings, read_at_centres, short_normals
 from yesnt.relight.points import Pixels, Surface, gather_pixels
 from yesnt.relight.proxy import ProxyScene
 from yesnt.relight.settings import RelightSettings

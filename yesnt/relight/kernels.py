@@ -18,11 +18,11 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from yesnt.core.color import LUMINANCE_REC709
-from yesnt.relight.choice import FEW, LEAST_COSINE, at_the_horizon, choose, in_sight, least_bearable
 from yesnt.relight.compiled import inlined, kernel
 from yesnt.relight.irradiance import above_the_horizon, clamped_cosine
 from yesnt.relight.lights import Clusters, PreparedLight
 from yesnt.relight.lobes import DISNEY, LAMBERT, NO_DIFFUSE, add_lobes, is_broad, scale_lobes, set_frame
+from yesnt.relight.texel_lod import FEW, LEAST_COSINE, at_the_horizon, choose, in_sight, least_bearable
 
 F32 = NDArray[np.float32]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.relight.glow import Glow
+from yesnt.relight.indirect import Glow
 from yesnt.relight.lights import Clusters, PreparedLight
 from yesnt.relight.march import DepthScene, depth_scene, march
 from yesnt.relight.points import Pixels, Surface

@@ -8,11 +8,11 @@ import numpy as np
 
 from yesnt.core.color import luminance
 from yesnt.relight.brdf import alpha_ggx
-from yesnt.relight.choice import least_bearable
-from yesnt.relight.film import read_at_centres
-from yesnt.relight.glow import LEVELS, nearest_level
+from yesnt.relight.indirect import LEVELS, nearest_level
 from yesnt.relight.lights import PreparedLight
+from yesnt.relight.pixel_filter import read_at_centres
 from yesnt.relight.settings import RelightSettings
+from yesnt.relight.texel_lod import least_bearable
 
 _SUN_SHARE = 0.02  # of the light in one texel: less is not a source with a shadow of its own
 _TRACE = 1 / 512  # of a material: less than an 8-bit pass can say

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from yesnt.core.color import LUMINANCE_REC709
 from yesnt.relight.brdf import COS_MIN
-from yesnt.relight.choice import LEAST_COSINE, TAIL
 from yesnt.relight.kernels import COLUMNS, WIDEN, ShadingPoints, cluster_rows
 from yesnt.relight.lights import PreparedLight
 from yesnt.relight.lobes import FRESNEL
+from yesnt.relight.texel_lod import LEAST_COSINE, TAIL
 
 if TYPE_CHECKING:
     import torch

@@ -9,7 +9,7 @@ from tests.relight.scenes import camera, sky, sphere
 from tests.relight.test_frame import DRAFT, relight
 from yesnt.core.errors import JobError
 from yesnt.relight import RelightSettings, requirements, shade
-from yesnt.relight.film import film, film_of_light, meetings, read_at_centres, short_normals
+from yesnt.relight.pixel_filter import film, film_of_light, meetings, read_at_centres, short_normals
 from yesnt.relight.scope import SceneFacts
 
 SIDE = RelightSettings().film

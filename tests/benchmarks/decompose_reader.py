@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from torch.nn import functional as F
 
-from yesnt.decompose.context import ContextBatch
+from yesnt.decompose.global_context import ContextBatch
 from yesnt.decompose.network import Network, NetworkShape
 from yesnt.decompose.weights import PATCH
 from yesnt.training.losses import reading_loss

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from yesnt.decompose.backend import Licence
-from yesnt.decompose.context import CONTEXT_SIDE, ContextBatch
+from yesnt.decompose.global_context import CONTEXT_SIDE, ContextBatch
 
 
 class FakeBackend:

@@ -8,9 +8,9 @@ import torch
 from scipy.stats import mannwhitneyu, spearmanr
 
 from yesnt.core.color import straighten
+from yesnt.decompose.auxiliary import SURVEY_SIDE
 from yesnt.decompose.embedded import EmbeddedBackend
 from yesnt.decompose.ensemble import estimate_frame
-from yesnt.decompose.opinion import SURVEY_SIDE
 from yesnt.decompose.settings import EnsembleSettings
 from yesnt.decompose.weights import SHIPPED
 from yesnt.io.exr import read_image

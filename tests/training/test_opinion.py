@@ -9,8 +9,8 @@ import pytest
 import torch
 
 from yesnt.core.errors import JobError, MissingPartError
+from yesnt.decompose.auxiliary import OPINION_SIDE, SURVEY_SIDE, Opinion, displayed
 from yesnt.decompose.network import Network, NetworkShape
-from yesnt.decompose.opinion import OPINION_SIDE, SURVEY_SIDE, Opinion, displayed
 from yesnt.decompose.trunk import Trunk
 from yesnt.decompose.weights import load_weights, save_weights
 from yesnt.training import __main__ as command

@@ -6,8 +6,8 @@ import torch
 
 from yesnt.core.errors import CorruptError, JobError
 from yesnt.decompose import embedded
-from yesnt.decompose.context import CONTEXT_SIDE, ContextBatch
 from yesnt.decompose.embedded import EmbeddedBackend
+from yesnt.decompose.global_context import CONTEXT_SIDE, ContextBatch
 from yesnt.decompose.network import Network, NetworkShape, noised
 from yesnt.decompose.weights import PATCH, load_weights, save_weights
 from yesnt.training import trainer as training

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     import torch
 
-    from yesnt.decompose.context import ContextBatch
+    from yesnt.decompose.global_context import ContextBatch
     from yesnt.decompose.settings import EnsembleSettings
 
 Float32 = NDArray[np.float32]

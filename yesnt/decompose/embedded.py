@@ -7,11 +7,11 @@ from pathlib import Path
 import torch
 from torch.nn import functional
 
+from yesnt.decompose.auxiliary import SURVEY_SIDE, enlarged, heard
 from yesnt.decompose.backend import Licence
-from yesnt.decompose.context import ContextBatch
+from yesnt.decompose.global_context import ContextBatch
 from yesnt.decompose.latents import default_device
 from yesnt.decompose.network import at_patch, noised
-from yesnt.decompose.opinion import SURVEY_SIDE, enlarged, heard
 from yesnt.decompose.threads import one_thread
 from yesnt.decompose.weights import SHIPPED, SMOOTH_SIGMAS, file_digest, load_weights
 

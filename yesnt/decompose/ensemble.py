@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from yesnt.decompose.backend import Backend, Expecting, Surveying
 from yesnt.decompose.blend import Patch, PatchGrid, PatchSum
 from yesnt.decompose.confidence import confidence as confidence
-from yesnt.decompose.context import ContextBatch, Square, small_picture
+from yesnt.decompose.global_context import ContextBatch, Square, small_picture
 from yesnt.decompose.noise_planes import ensemble_noise
 from yesnt.decompose.reuse import Prior, join
 from yesnt.decompose.settings import EnsembleSettings

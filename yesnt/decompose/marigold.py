@@ -9,7 +9,7 @@ import torch
 
 from yesnt.core.errors import JobError
 from yesnt.decompose.backend import Licence
-from yesnt.decompose.context import ContextBatch
+from yesnt.decompose.global_context import ContextBatch
 from yesnt.decompose.latents import (
     default_device,
     diffusers_for,

@@ -11,8 +11,8 @@ import torch
 from torch import nn
 from torch.nn import functional as F
 
-from yesnt.decompose.context import ContextBatch
-from yesnt.decompose.opinion import Opinion
+from yesnt.decompose.auxiliary import Opinion
+from yesnt.decompose.global_context import ContextBatch
 from yesnt.decompose.statistics import STATISTICS, colour_code, surroundings
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import torch
 
 from yesnt.decompose.backend import Licence
-from yesnt.decompose.context import ContextBatch
+from yesnt.decompose.global_context import ContextBatch
 from yesnt.decompose.latents import (
     default_device,
     diffusers_for,

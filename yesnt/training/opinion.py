@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from safetensors.torch import load_file, save_file
 from torch import nn
 
-from yesnt.decompose.opinion import Opinion
+from yesnt.decompose.auxiliary import Opinion
 from yesnt.decompose.trunk import TOLD_CHANNELS, Trunk
 from yesnt.training.losses import whole_loss
 from yesnt.training.published_trunk import published_trunk

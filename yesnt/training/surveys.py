@@ -11,8 +11,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from yesnt.decompose.context import Square, small_picture
-from yesnt.decompose.opinion import OPINION_SIDE, SURVEY_SIDE, displayed, enlarged
+from yesnt.decompose.auxiliary import OPINION_SIDE, SURVEY_SIDE, displayed, enlarged
+from yesnt.decompose.global_context import Square, small_picture
 from yesnt.decompose.trunk import Trunk
 from yesnt.io.durable import durable_path
 from yesnt.training.pictures import everybody, open_views, person_path, thing_path

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from yesnt.decompose.context import ContextBatch
+from yesnt.decompose.auxiliary import SURVEY_SIDE, Opinion, heard
+from yesnt.decompose.global_context import ContextBatch
 from yesnt.decompose.network import Network, at_patch
-from yesnt.decompose.opinion import SURVEY_SIDE, Opinion, heard
 from yesnt.decompose.weights import PATCH, channels_last, save_weights
 from yesnt.training.checkpoint import write_state
 from yesnt.training.draws import Draws

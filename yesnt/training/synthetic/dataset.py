@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.decompose.context import CONTEXT_SIDE, Square, small_picture
+from yesnt.decompose.global_context import CONTEXT_SIDE, Square, small_picture
 from yesnt.training.synthetic.light import draw_light
 from yesnt.training.synthetic.materials import CLASSES, DYED, EVERYDAY, Habits
 from yesnt.training.synthetic.render import Rendering, render

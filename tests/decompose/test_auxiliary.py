@@ -5,11 +5,11 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
-from yesnt.decompose.context import ContextBatch
+from yesnt.decompose.auxiliary import OPINION_SIDE, SURVEY_SIDE, Opinion, displayed, enlarged, heard
 from yesnt.decompose.embedded import EmbeddedBackend
 from yesnt.decompose.ensemble import estimate_frame
+from yesnt.decompose.global_context import ContextBatch
 from yesnt.decompose.network import Network, NetworkShape
-from yesnt.decompose.opinion import OPINION_SIDE, SURVEY_SIDE, Opinion, displayed, enlarged, heard
 from yesnt.decompose.settings import EnsembleSettings
 from yesnt.decompose.trunk import TOLD_CHANNELS, Conv, Trunk
 from yesnt.decompose.weights import load_weights, packed, save_weights, unpacked

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from yesnt.decompose.context import CONTEXT_SIDE, Square, small_picture
+from yesnt.decompose.global_context import CONTEXT_SIDE, Square, small_picture
 from yesnt.decompose.network import at_patch
 
 

@@ -15,7 +15,7 @@ from yesnt.core.shot import TemporalInput
 from yesnt.driver import is_done
 from yesnt.forecast import forecast
 from yesnt.graph import Graph
-from yesnt.io.capture import read_matte
+from yesnt.io.shot_inputs import read_matte
 from yesnt.io.store import FrameStore
 from yesnt.session import RunOptions, Session
 from yesnt.tasks import run_node

@@ -13,7 +13,7 @@ from tests.tiny_shot import write_tiny_shot
 from yesnt import settings as of
 from yesnt.decompose.registry import open_backend
 from yesnt.decompose.window import blend, estimate_clip, make_clip
-from yesnt.io.capture import read_plate
+from yesnt.io.shot_inputs import read_plate
 from yesnt.io.store import FrameStore
 from yesnt.session import Session
 

@@ -8,9 +8,9 @@ from typing import Any
 
 from yesnt.core.errors import CorruptError, UsageError
 from yesnt.graph import Graph, Node
-from yesnt.io.capture import file_digest
 from yesnt.io.jobfile import parse_frames
 from yesnt.io.records import Record, key_of
+from yesnt.io.shot_inputs import file_digest
 from yesnt.io.store import FrameStore
 from yesnt.session import Session
 from yesnt.stages import STAGES, stage_of

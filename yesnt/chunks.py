@@ -9,7 +9,7 @@ import numpy as np
 
 from yesnt.core.blocks import Block, row_bands
 from yesnt.core.shot import Job, TemporalInput
-from yesnt.io.capture import read_matte
+from yesnt.io.shot_inputs import read_matte
 from yesnt.temporal.blocks import band_rows, block_bytes, halo_frames, halo_rows, listed_bytes, sweeps_needed
 from yesnt.temporal.params import EnergyParams
 

@@ -14,7 +14,7 @@ from yesnt.core.shot import Job, Knob
 from yesnt.decompose.registry import open_backend
 from yesnt.decompose.reuse import Link, Prior, carry_back
 from yesnt.decompose.window import blend, estimate_clip, make_clip
-from yesnt.io import capture
+from yesnt.io import shot_inputs
 from yesnt.workspace import Workspace
 
 Float32 = NDArray[np.float32]
@@ -24,7 +24,7 @@ def decompose(space: Workspace) -> None:
     """Mean and spread of the material of one frame."""
     job, frame = space.job, space.node.frames[0]
     if job.shot.decompose.path is not None:
-        mean, spread = capture.read_passes(job, frame)
+        mean, spread = shot_inputs.read_passes(job, frame)
         space.commit(frame, {"observed": mean, "spread": spread})
         return
     if space.node.arguments["mix"]:

@@ -13,7 +13,7 @@ from yesnt.core.shot import Job
 from yesnt.decompose.blend import PatchGrid
 from yesnt.driver import is_done
 from yesnt.graph import Graph, Node
-from yesnt.io.capture import read_matte
+from yesnt.io.shot_inputs import read_matte
 from yesnt.session import Session
 
 TYPICAL_SHARE = {"full": 0.35, "between": 0.1}

@@ -17,7 +17,7 @@ from yesnt.core.camera import Camera
 from yesnt.driver import is_done
 from yesnt.evaluations import Evaluations, forecast_evaluations
 from yesnt.graph import Graph, Node
-from yesnt.io import capture
+from yesnt.io import shot_inputs
 from yesnt.io.jobfile import frame_path
 from yesnt.light_task import frame_map
 from yesnt.preflight import inspect
@@ -221,7 +221,7 @@ def _short_normals(session: Session) -> float:
 
     job, first = session.job, session.job.frames[0]
     camera = Camera.open(frame_path(job.root, job.shot.camera, 0))
-    return short_normals(capture.read_surface(job, first, camera).normal, capture.read_matte(job, first) > 0)
+    return short_normals(shot_inputs.read_surface(job, first, camera).normal, shot_inputs.read_matte(job, first) > 0)
 
 
 def _material_ranges(session: Session) -> tuple[tuple[float, float] | None, tuple[float, float] | None]:
@@ -231,7 +231,7 @@ def _material_ranges(session: Session) -> tuple[tuple[float, float] | None, tupl
         return None, None
     least, most = np.full(2, np.inf), np.full(2, -np.inf)
     for frame in job.frames:
-        inside = capture.read_passes(job, frame)[0][:, capture.read_matte(job, frame) > 0]
+        inside = shot_inputs.read_passes(job, frame)[0][:, shot_inputs.read_matte(job, frame) > 0]
         if inside.size:
             least, most = np.minimum(least, inside.min(axis=1)), np.maximum(most, inside.max(axis=1))
     if not np.isfinite(least).all():

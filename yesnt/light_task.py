@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from yesnt import settings as of
 from yesnt.core.camera import Camera
 from yesnt.core.shot import CaptureInput, Job, LightInput
-from yesnt.io import capture
+from yesnt.io import shot_inputs
 from yesnt.io.jobfile import frame_path
 from yesnt.workspace import Workspace
 
@@ -43,7 +43,7 @@ def read_map(path: str, spec: MapInput) -> EnvMap:
 
     from yesnt.relight import EnvMap
 
-    radiance, _ = capture.read_radiance(Path(path))
+    radiance, _ = shot_inputs.read_radiance(Path(path))
     env = EnvMap.from_array(radiance, spec.convention)
     env = env if spec.clamp is None else env.clamped(spec.clamp)
     return env.turned(spec.rotation, spec.exposure)
@@ -56,7 +56,7 @@ def estimated_map(job: Job) -> EnvMap:
     camera = Camera.open(frame_path(job.root, job.shot.camera, 0))
     plates, surfaces = [], []
     for frame in job.probe_frames:
-        plate, seen = capture.read_plate(job, frame), capture.read_surface(job, frame, camera)
+        plate, seen = shot_inputs.read_plate(job, frame), shot_inputs.read_surface(job, frame, camera)
         unknown = np.zeros_like(seen.z)  # an estimate asks for no material
         plates.append(plate.color)
         surfaces.append(Surface(seen.normal, seen.z, plate.matte, unknown, unknown, camera, frame))

@@ -13,7 +13,7 @@ from yesnt.core.camera import Camera
 from yesnt.core.errors import JobError
 from yesnt.core.shot import Job, Shot
 from yesnt.decompose.identity import BackendIdentity, identify_backend
-from yesnt.io import capture
+from yesnt.io import shot_inputs
 from yesnt.io.exr import read_header
 from yesnt.io.jobfile import frame_path, frames_on_disk, load_shot, parse_frames, pass_patterns
 from yesnt.io.mesh import read_mesh
@@ -70,7 +70,7 @@ def resolve(path: str | Path, accept_license: tuple[str, ...] = ()) -> Resolved:
         backend = identify_backend(chosen.backend, weights, chosen.accept_license, of.backend_knobs(shot))
     paths = sorted({str(p) for p in _input_files(job)})
     with ThreadPoolExecutor(READERS) as pool:
-        digests = dict(zip(paths, pool.map(lambda p: capture.file_digest(Path(p)), paths), strict=True))
+        digests = dict(zip(paths, pool.map(lambda p: shot_inputs.file_digest(Path(p)), paths), strict=True))
     return Resolved(job, digests, backend)
 
 
@@ -98,7 +98,7 @@ def inspect_form(resolved: Resolved) -> list[str]:
     warnings = list(_check_extra_frames(job))
     for pattern in (job.shot.plate.path, job.shot.gbuffer.path):
         for frame in job.frames:
-            capture.check_size(job, read_header(frame_path(job.root, pattern, frame)))
+            shot_inputs.check_size(job, read_header(frame_path(job.root, pattern, frame)))
     output = OutputFolder.of(job)
     output.check(len(job.frames) * job.width * job.height * STORE_BYTES_PER_PIXEL // 2)
     output.refuse_if_running()
@@ -126,7 +126,7 @@ def _check_maps(job: Job) -> Iterable[str]:
     for role, light in (("light", job.shot.light), ("capture_light", job.shot.capture_light)):
         pattern = light.path if light is not None else None
         for path in dict.fromkeys(frame_path(job.root, pattern, frame) for frame in job.frames if pattern is not None):
-            _, negative = capture.read_radiance(path)
+            _, negative = shot_inputs.read_radiance(path)
             if negative:
                 yield f"{role}: {negative} negative values in {path} are read as 0"
 
@@ -172,15 +172,15 @@ def _input_files(job: Job) -> Iterable[Path]:
 
 def _check_frame(job: Job, frame: int, camera: Camera) -> Counter[str]:
     """Decodes all of a frame's inputs; counts what is used although it is odd."""
-    plate = capture.read_plate(job, frame)
-    surface = capture.read_surface(job, frame, camera)
+    plate = shot_inputs.read_plate(job, frame)
+    surface = shot_inputs.read_surface(job, frame, camera)
     if job.shot.proxy:
         read_mesh(frame_path(job.root, job.shot.proxy.path, frame))
     if job.shot.decompose.path:
-        capture.read_passes(job, frame)
+        shot_inputs.read_passes(job, frame)
     if job.shot.flow.path and frame != job.frames[-1]:
-        capture.read_flow(job, frame)
-    capture.read_background(job, frame)
+        shot_inputs.read_flow(job, frame)
+    shot_inputs.read_background(job, frame)
     found = Counter[str]()
     found["plate: negative values that are read as 0"] = plate.clamped
     found["gbuffer: pixels inside the matte without depth"] = int(((plate.matte > 0.5) & (surface.z == 0)).sum())

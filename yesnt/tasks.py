@@ -17,10 +17,10 @@ from yesnt.core.channels import CHANNELS, DELIVERED
 from yesnt.core.color import CHROMATICITIES_REC709
 from yesnt.core.shot import Job, Shot
 from yesnt.graph import Node
-from yesnt.io import capture
-from yesnt.io.capture import file_digest
+from yesnt.io import shot_inputs
 from yesnt.io.exr import write_exr
 from yesnt.io.jobfile import frame_path
+from yesnt.io.shot_inputs import file_digest
 from yesnt.light_task import backdrop, prepared_lights
 from yesnt.workspace import Workspace, release_memory, trim_memory
 
@@ -71,7 +71,7 @@ def flow(space: Workspace) -> None:
     now, then = space.plate(frame), space.plate(after)
     settings = of.flow_settings(job.shot)
     if job.shot.flow.path is not None:
-        vectors = capture.read_flow(job, frame)
+        vectors = shot_inputs.read_flow(job, frame)
         with space.kernel():
             inside = now.matte > 0.5, then.matte > 0.5
             validity = flow_validity(vectors, None, now.color, then.color, *inside, settings)
@@ -137,7 +137,7 @@ def composite(space: Workspace) -> None:
     camera = _camera(str(frame_path(job.root, job.shot.camera, 0)))
     plate, surface = space.plate(frame), space.surface(frame, camera)
     diffuse, specular, shadow = (space.read("relight", name, frame) for name in ("diffuse", "specular", "shadow"))
-    background = capture.read_background(job, frame)
+    background = shot_inputs.read_background(job, frame)
     with space.kernel():
         if background is None:
             background = backdrop(space, camera)

@@ -21,11 +21,11 @@ from yesnt.core.camera import Camera
 from yesnt.core.errors import CorruptError
 from yesnt.core.shot import Job
 from yesnt.graph import Node
-from yesnt.io import capture
+from yesnt.io import shot_inputs
+from yesnt.io.array_cache import Shelf, file_identity
 from yesnt.io.jobfile import frame_path
 from yesnt.io.output import OutputFolder
 from yesnt.io.records import Record, RecordBook
-from yesnt.io.shelf import Shelf, file_identity
 from yesnt.io.store import FrameStore
 
 Float32 = NDArray[np.float32]
@@ -102,12 +102,14 @@ class Workspace:
         """Counts the time inside as kernel time (the rest is reading, writing and waiting)."""
         return self.clock.kernel_time()
 
-    def plate(self, frame: int) -> capture.Plate:
+    def plate(self, frame: int) -> shot_inputs.Plate:
         """The plate of a frame; not to be written to, since other stages share it."""
         key = self._plate_key(frame)
         with self.clock.reading_time():
             plate = _SHELF.fetch(
-                ("plate", *key), lambda: capture.read_plate(self.job, frame), lambda plate: (plate.color, plate.matte)
+                ("plate", *key),
+                lambda: shot_inputs.read_plate(self.job, frame),
+                lambda plate: (plate.color, plate.matte),
             )
             _MATTES.fetch(("matte", *key), lambda: _bits(plate), lambda bits: (bits,))
         return plate
@@ -125,14 +127,14 @@ class Workspace:
         identity = file_identity(frame_path(self.job.root, spec.path, frame))
         return identity, spec.colorspace, self.job.width, self.job.height
 
-    def surface(self, frame: int, camera: Camera) -> capture.Surface:
+    def surface(self, frame: int, camera: Camera) -> shot_inputs.Surface:
         """The G-buffer of a frame, normals in world space; not to be written to."""
         spec = self.job.shot.gbuffer
         files = (file_identity(frame_path(self.job.root, path, frame)) for path in (spec.path, self.job.shot.camera))
         with self.clock.reading_time():
             return _SHELF.fetch(
                 ("surface", *files, spec, frame),
-                lambda: capture.read_surface(self.job, frame, camera),
+                lambda: shot_inputs.read_surface(self.job, frame, camera),
                 lambda surface: (surface.normal, surface.z),
             )
 
@@ -245,7 +247,7 @@ class Workspace:
             handler.close()
 
 
-def _bits(plate: capture.Plate) -> NDArray[np.uint8]:
+def _bits(plate: shot_inputs.Plate) -> NDArray[np.uint8]:
     """Where a plate's matte covers more than half of a pixel, eight pixels a byte."""
     return np.packbits(plate.matte > 0.5)
 

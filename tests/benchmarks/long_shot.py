@@ -8,7 +8,7 @@ from typing import Any
 
 import yaml
 
-from yesnt.embedded import SHOT
+from yesnt.io.embedded_shot import SHOT
 
 FIRST = 1001
 

@@ -53,7 +53,7 @@ def demo(
 ) -> int:
     """Run the main job on the embedded shot with two local workers."""
     from yesnt.cluster import ClusterSpec
-    from yesnt.embedded import copy_embedded_shot
+    from yesnt.io.embedded_shot import copy_embedded_shot
     from yesnt.session import RunOptions, Session
 
     return _drive(Session(copy_embedded_shot(folder)), RunOptions(cluster=ClusterSpec("local", workers)), json)
@@ -62,7 +62,7 @@ def demo(
 @app.command()
 def init(folder: Annotated[Path, typer.Argument(metavar="DIR")]) -> None:
     """Write a commented shot.yaml and the folders it expects."""
-    from yesnt.embedded import write_template
+    from yesnt.io.embedded_shot import write_template
 
     print(f"Wrote {write_template(folder)}: put your files where it says, then `yesnt plan {folder}`.")
 

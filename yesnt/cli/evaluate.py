@@ -77,7 +77,7 @@ def _names(text: str | None) -> tuple[str, ...] | None:
 def _source(folder: Path | None, set_name: str | None) -> Path:
     """The folder of the shots: the embedded one, a set of the stage, or what the user named."""
     if folder is None and set_name == "embedded":
-        from yesnt.embedded import SHOT
+        from yesnt.io.embedded_shot import SHOT
 
         return SHOT
     home = folder or Path("stage")

@@ -15,9 +15,9 @@ from yesnt.evaluation.judge import FILMED
 from yesnt.evaluation.nets import open_nets
 from yesnt.evaluation.pictures import write_materials
 from yesnt.evaluation.subjects import Subject
-from yesnt.io import capture
-from yesnt.io.capture import file_digest
+from yesnt.io import shot_inputs
 from yesnt.io.jobfile import frame_path
+from yesnt.io.shot_inputs import file_digest
 from yesnt.metrics.definitions import Metric, named
 from yesnt.metrics.image import psnr
 from yesnt.metrics.material import measure_material, sparsification
@@ -43,7 +43,7 @@ def exact(space: Workspace) -> None:
     from yesnt.temporal import solve
 
     job, subject = space.job, space.node.arguments["subject"]
-    mattes = np.stack([capture.read_matte(job, frame) for frame in job.frames])
+    mattes = np.stack([shot_inputs.read_matte(job, frame) for frame in job.frames])
     pairs = zip(job.frames, mattes, strict=True)
     true = np.stack([subject.read_material(frame, matte).planes for frame, matte in pairs], axis=1)
     weights = np.ones_like(true)
@@ -69,7 +69,7 @@ def material(space: Workspace) -> None:
     job, subject, first = space.job, space.node.arguments["subject"], space.node.frames[0]
     columns: dict[str, list[F32]] = {"true": [], "observed": [], "own": [], "spread": []}
     for frame in job.frames:
-        matte = capture.read_matte(job, frame)
+        matte = shot_inputs.read_matte(job, frame)
         inside = matte > SOLID
         columns["true"].append(subject.read_material(frame, matte).planes[:, inside])
         for name, (stage, array) in _STORED.items():
@@ -96,7 +96,7 @@ def material(space: Workspace) -> None:
 def _material_strip(space: Workspace, subject: Subject) -> dict[str, str]:
     """True and solved materials and the ensemble's spread of the middle frame, for the page."""
     frame = space.job.frames[len(space.job.frames) // 2]
-    plate = capture.read_plate(space.job, frame)
+    plate = shot_inputs.read_plate(space.job, frame)
     true = subject.read_material(frame, plate.matte).planes
     own, spread = space.read("solve", "material", frame), space.read("decompose", "spread", frame)
     path = space.output.root / "pictures" / MATERIAL_STRIP
@@ -132,7 +132,7 @@ def film(space: Workspace) -> None:
 
 def _truth(space: Workspace, subject: Subject, name: str, frame: int) -> Truth:
     radiance, opacity = subject.read_relit(name, frame)
-    return Truth.of(radiance, opacity, capture.read_matte(space.job, frame))
+    return Truth.of(radiance, opacity, shot_inputs.read_matte(space.job, frame))
 
 
 _STORED = {"observed": ("decompose", "observed"), "own": ("solve", "material"), "spread": ("decompose", "spread")}
@@ -150,7 +150,7 @@ def _film_numbers(shown: Film, true: Film, matte: NDArray[np.bool_], links: tupl
 def _flow_numbers(space: Workspace, subject: Subject) -> list[Metric]:
     flow, validity = _own_links(space)
     true, seen = _true_links(space, subject)
-    matte = np.stack([capture.read_matte(space.job, frame) > SOLID for frame in space.job.frames[:-1]])
+    matte = np.stack([shot_inputs.read_matte(space.job, frame) > SOLID for frame in space.job.frames[:-1]])
     return measure_flow(flow, true, validity > 0.5, seen > 0.5, matte)
 
 
@@ -170,8 +170,8 @@ def _true_links(space: Workspace, subject: Subject) -> tuple[F32, F32]:
     job = space.job
     camera = Camera.open(frame_path(job.root, job.shot.camera, 0))
     flow = np.stack([subject.read_flow(frame) for frame in job.frames[:-1]])
-    depth = np.stack([capture.read_surface(job, frame, camera).z for frame in job.frames])
-    matte = np.stack([capture.read_matte(job, frame) > 0.5 for frame in job.frames])
+    depth = np.stack([shot_inputs.read_surface(job, frame, camera).z for frame in job.frames])
+    matte = np.stack([shot_inputs.read_matte(job, frame) > 0.5 for frame in job.frames])
     seen = [truly_seen(flow[t], depth[t], depth[t + 1], matte[t], matte[t + 1]) for t in range(len(flow))]
     return flow, np.stack(seen).astype(np.float32)
 

@@ -15,7 +15,7 @@ from yesnt.evaluation.pictures import strip_name, write_strip
 from yesnt.evaluation.rows import EXACT_ARRAYS, ROWS, SEPARATIONS, Row
 from yesnt.evaluation.scene import SceneKey, open_scene
 from yesnt.evaluation.subjects import PROXY, Subject, TrueMaterial
-from yesnt.io.capture import file_digest
+from yesnt.io.shot_inputs import file_digest
 from yesnt.metrics.image import mean_squared_error, psnr
 from yesnt.metrics.score import Truth, score, score_briefly
 from yesnt.workspace import Workspace

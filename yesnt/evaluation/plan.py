@@ -17,8 +17,8 @@ from yesnt.evaluation.nets import stlpips_weights
 from yesnt.evaluation.rows import EXACT_ARRAYS, ROWS, Row
 from yesnt.evaluation.subjects import PROXY, RELIT, Subject, common_frames
 from yesnt.graph import Node, NodeId
-from yesnt.io.capture import file_digest
 from yesnt.io.records import key_of
+from yesnt.io.shot_inputs import file_digest
 from yesnt.session import Session
 from yesnt.stages import STAGES
 

@@ -16,7 +16,7 @@ from yesnt import settings as of
 from yesnt.core.camera import Camera
 from yesnt.core.shot import Job
 from yesnt.evaluation.rows import Row
-from yesnt.io import capture
+from yesnt.io import shot_inputs
 from yesnt.io.jobfile import frame_path, has_frame_number
 from yesnt.io.mesh import read_mesh
 from yesnt.light_task import frame_map
@@ -86,9 +86,9 @@ class Scene:
         return Camera.open(frame_path(self.job.root, self.job.shot.camera, 0))
 
     @cached_property
-    def plate(self) -> capture.Plate:
+    def plate(self) -> shot_inputs.Plate:
         """The captured picture."""
-        return capture.read_plate(self.job, self.frame)
+        return shot_inputs.read_plate(self.job, self.frame)
 
     @cached_property
     def matte(self) -> F32:
@@ -98,9 +98,9 @@ class Scene:
         return self.plate.matte * chosen
 
     @cached_property
-    def seen(self) -> capture.Surface:
+    def seen(self) -> shot_inputs.Surface:
         """The G-buffer."""
-        return capture.read_surface(self.job, self.frame, self.camera)
+        return shot_inputs.read_surface(self.job, self.frame, self.camera)
 
     @cached_property
     def proxy(self) -> ProxyScene | None:
@@ -199,4 +199,4 @@ def _captured(capture: _Capture, frame: int, settings: RelightSettings) -> Prepa
 @lru_cache(maxsize=4)
 def new_light(env: Path, settings: RelightSettings) -> PreparedLight:
     """A map of the set, as Blender had it."""
-    return prepare_relight(EnvMap.from_array(capture.read_radiance(env)[0]), settings)
+    return prepare_relight(EnvMap.from_array(shot_inputs.read_radiance(env)[0]), settings)

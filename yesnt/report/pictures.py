@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from yesnt.core.color import srgb_encode
 from yesnt.core.errors import YesntError
-from yesnt.io.capture import read_plate
 from yesnt.io.exr import read_image
+from yesnt.io.shot_inputs import read_plate
 from yesnt.io.store import FrameStore
 from yesnt.session import Session
 

@@ -19,7 +19,7 @@ from yesnt.decompose.confidence import confidence
 from yesnt.decompose.registry import open_backend
 from yesnt.decompose.reuse import Link, carry_back
 from yesnt.decompose.settings import EnsembleSettings, keyframe_after
-from yesnt.io import capture
+from yesnt.io import shot_inputs
 from yesnt.io.jobfile import frame_path
 from yesnt.light_task import frame_map
 from yesnt.session import Session
@@ -60,9 +60,9 @@ class Lab:
     _backends: dict[tuple[tuple[str, Any], ...], Any] = field(default_factory=dict)
 
     @cached_property
-    def plates(self) -> list[capture.Plate]:
+    def plates(self) -> list[shot_inputs.Plate]:
         """Colour and matte of every frame."""
-        return [capture.read_plate(self.session.job, frame) for frame in self.frames]
+        return [shot_inputs.read_plate(self.session.job, frame) for frame in self.frames]
 
     @cached_property
     def mattes(self) -> NDArray[np.bool_]:
@@ -127,7 +127,7 @@ class Lab:
 
         middle, settings, spent = len(self.frames) // 2, self._relight_settings(quality), Spent()
         job, plate, frame = self.session.job, self.plates[middle], self.frames[middle]
-        seen, camera = capture.read_surface(job, frame, self._camera), self._camera
+        seen, camera = shot_inputs.read_surface(job, frame, self._camera), self._camera
         light, captured = self._lights(quality)
         with spent.counted():
             roughness, metallic = material[:, middle]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from yesnt.core.errors import JobError
 
-SHOT = Path(__file__).parent / "data" / "shot"
+SHOT = Path(__file__).parent.parent / "data" / "shot"
 """The embedded shot: inputs in the contract's form and the truth beside them."""
 
 _TEMPLATE = """\

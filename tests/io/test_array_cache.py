@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from yesnt.io.shelf import Shelf, file_identity
+from yesnt.io.array_cache import Shelf, file_identity
 
 
 def fetch(shelf: Shelf, key: object, made: list[object], size: int = 100) -> np.ndarray:

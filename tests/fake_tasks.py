@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from yesnt.core.shot import Job
-from yesnt.graph import Node
 from yesnt.io.records import Record, RecordBook
+from yesnt.planning.graph import Node
 
 
 def fake_task(job: Job, node: Node) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 from yesnt.core.channels import CHANNELS, DELIVERED, STORED
-from yesnt.stages import STAGES
+from yesnt.planning.stages import STAGES
 
 ROOT = Path(__file__).parent.parent
 

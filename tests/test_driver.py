@@ -14,8 +14,8 @@ from yesnt.cluster import ClusterSpec, open_cluster
 from yesnt.core.errors import ClusterLostError, UsageError
 from yesnt.core.shot import GBufferInput, Job, LightInput, PlateInput, Shot
 from yesnt.driver import Driver, DriverSettings, Outcome
-from yesnt.graph import Graph, Node
 from yesnt.io.records import RecordBook
+from yesnt.planning.graph import Graph, Node
 
 pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning")  # Dask closes sockets of killed workers late
 

@@ -16,8 +16,8 @@ from yesnt.cluster import ClusterSpec, open_cluster
 from yesnt.core.errors import UsageError
 from yesnt.io.exr import read_image
 from yesnt.io.store import FrameStore
+from yesnt.planning.stages import stage_of
 from yesnt.session import RunOptions, RunResult, Session
-from yesnt.stages import stage_of
 
 FRAMES = 4
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from tests.tiny_shot import write_tiny_shot
-from yesnt.graph import Node
 from yesnt.io.store import FrameStore
+from yesnt.planning.graph import Node
 from yesnt.preflight import resolve
 from yesnt.workspace import Clock, Workspace
 

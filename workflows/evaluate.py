@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
-from yesnt.graph import Graph, Node
+from yesnt.planning.graph import Graph, Node
 from yesnt.workflows.shot import shot_graph
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from yesnt.graph import Graph, Node
-from yesnt.stages import ShotPlan
+from yesnt.planning.graph import Graph, Node
+from yesnt.planning.stages import ShotPlan
 
 
 def shot_graph(plan: ShotPlan) -> Graph:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from yesnt.graph import Graph, Node
+from yesnt.planning.graph import Graph, Node
 from yesnt.stage.jobs import stage_jobs
 
 BUILDS_ON = {"reference": "objects"}

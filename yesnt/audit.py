@@ -7,13 +7,13 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from yesnt.core.errors import CorruptError, UsageError
-from yesnt.graph import Graph, Node
 from yesnt.io.jobfile import parse_frames
 from yesnt.io.records import Record, key_of
 from yesnt.io.shot_inputs import file_digest
 from yesnt.io.store import FrameStore
+from yesnt.planning.graph import Graph, Node
+from yesnt.planning.stages import STAGES, stage_of
 from yesnt.session import Session
-from yesnt.stages import STAGES, stage_of
 
 DONE, STALE, WAITING, DEAD = "done", "stale", "waiting", "dead"
 

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt import settings as of
 from yesnt.core.shot import Job, Knob
 from yesnt.decompose.registry import open_backend
 from yesnt.decompose.reuse import Link, Prior, carry_back
 from yesnt.decompose.window import blend, estimate_clip, make_clip
 from yesnt.io import shot_inputs
+from yesnt.planning import settings as of
 from yesnt.workspace import Workspace
 
 Float32 = NDArray[np.float32]

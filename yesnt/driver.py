@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 from yesnt.core.errors import ClusterLostError, YesntError
 from yesnt.core.fault_points import fault_point
-from yesnt.graph import Graph, Node, NodeId
 from yesnt.io.durable import disk_full, is_full
 from yesnt.io.records import RecordBook
+from yesnt.planning.graph import Graph, Node, NodeId
 
 if TYPE_CHECKING:
     from distributed import Client

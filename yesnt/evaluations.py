@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from yesnt import settings as of
 from yesnt.core.shot import Job
 from yesnt.decompose.blend import PatchGrid
 from yesnt.driver import is_done
-from yesnt.graph import Graph, Node
 from yesnt.io.shot_inputs import read_matte
+from yesnt.planning import settings as of
+from yesnt.planning.graph import Graph, Node
 from yesnt.session import Session
 
 TYPICAL_SHARE = {"full": 0.35, "between": 0.1}

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt import settings as of
 from yesnt.core.camera import Camera
 from yesnt.core.shot import CaptureInput, Job, LightInput
 from yesnt.io import shot_inputs
 from yesnt.io.jobfile import frame_path
+from yesnt.planning import settings as of
 from yesnt.workspace import Workspace
 
 if TYPE_CHECKING:

@@ -8,7 +8,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-from yesnt import settings as of
 from yesnt.core.camera import Camera
 from yesnt.core.errors import JobError
 from yesnt.core.shot import Job, Shot
@@ -18,6 +17,7 @@ from yesnt.io.exr import read_header
 from yesnt.io.jobfile import frame_path, frames_on_disk, load_shot, parse_frames, pass_patterns
 from yesnt.io.mesh import read_mesh
 from yesnt.io.output import OutputFolder
+from yesnt.planning import settings as of
 from yesnt.temporal.flow import LEARNED
 
 READERS = 2

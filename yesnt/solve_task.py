@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt import settings as of
 from yesnt.core.blocks import Block
 from yesnt.core.errors import JobError
+from yesnt.planning import settings as of
 from yesnt.temporal import BlockLists, solve_lists
 from yesnt.temporal.geometry import Geometry, PackedMasks, build_geometry, loosen_frame
 from yesnt.temporal.outliers import bridge

@@ -11,8 +11,8 @@ from typing import Any
 
 from yesnt.cluster import ClusterSpec, open_cluster
 from yesnt.driver import Driver, DriverSettings, Outcome
-from yesnt.graph import Node
 from yesnt.io.records import Record, RecordBook
+from yesnt.planning.graph import Node
 from yesnt.stage.jobs import RenderJob
 from yesnt.stage.render import find_receipt, render
 from yesnt.stage.tools import Tools

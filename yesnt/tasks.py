@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt import settings as of
 from yesnt.cluster import pin_threads
 from yesnt.core.camera import Camera
 from yesnt.core.channels import CHANNELS, DELIVERED
 from yesnt.core.color import CHROMATICITIES_REC709
 from yesnt.core.shot import Job, Shot
-from yesnt.graph import Node
 from yesnt.io import shot_inputs
 from yesnt.io.exr import write_exr
 from yesnt.io.jobfile import frame_path
 from yesnt.io.shot_inputs import file_digest
 from yesnt.light_task import backdrop, prepared_lights
+from yesnt.planning import settings as of
+from yesnt.planning.graph import Node
 from yesnt.workspace import Workspace, release_memory, trim_memory
 
 if TYPE_CHECKING:

@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 from yesnt.core.camera import Camera
 from yesnt.core.errors import CorruptError
 from yesnt.core.shot import Job
-from yesnt.graph import Node
 from yesnt.io import shot_inputs
 from yesnt.io.array_cache import Shelf, file_identity
 from yesnt.io.jobfile import frame_path
 from yesnt.io.output import OutputFolder
 from yesnt.io.records import Record, RecordBook
 from yesnt.io.store import FrameStore
+from yesnt.planning.graph import Node
 
 Float32 = NDArray[np.float32]
 

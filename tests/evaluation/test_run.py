@@ -115,8 +115,8 @@ def test_a_second_run_does_nothing_and_a_new_truth_redoes_its_map_alone(shot, tm
 
 def test_full_is_what_the_product_delivers(evaluated):
     """The same picture, to the bit, that the job of `yesnt run` would composite."""
-    from yesnt.graph import Graph
     from yesnt.io.store import FrameStore
+    from yesnt.planning.graph import Graph
     from yesnt.session import Session
     from yesnt.tasks import run_node
 

@@ -122,8 +122,8 @@ def retry(
     """Do frames again: forgets their records and marks of death, then runs."""
     from yesnt.audit import forget
     from yesnt.cluster import ClusterSpec
+    from yesnt.planning.stages import STAGES
     from yesnt.session import RunOptions, Session
-    from yesnt.stages import STAGES
 
     forget(Session(shot), stage or list(STAGES), frames)
     return _drive(Session(shot), RunOptions(cluster=ClusterSpec(cluster, workers)), json)

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt import settings as of
 from yesnt.core.camera import Camera
 from yesnt.evaluation.judge import FILMED
 from yesnt.evaluation.nets import open_nets
@@ -24,6 +23,7 @@ from yesnt.metrics.material import measure_material, sparsification
 from yesnt.metrics.motion import Film, measure_flow, measure_lengths, path_length, tpsnr_diff, tpsnr_warp
 from yesnt.metrics.score import SOLID, Truth
 from yesnt.metrics.seen import truly_seen
+from yesnt.planning import settings as of
 from yesnt.workspace import Workspace
 
 F32 = NDArray[np.float32]

@@ -11,16 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from yesnt import settings as of
 from yesnt.evaluation.judge import FILMED, GIVEN_KEPT, SEARCH_METALLIC, SEARCH_ROUGHNESS, SEARCH_STRIDE
 from yesnt.evaluation.nets import stlpips_weights
 from yesnt.evaluation.rows import EXACT_ARRAYS, ROWS, Row
 from yesnt.evaluation.subjects import PROXY, RELIT, Subject, common_frames
-from yesnt.graph import Node, NodeId
 from yesnt.io.records import key_of
 from yesnt.io.shot_inputs import file_digest
+from yesnt.planning import settings as of
+from yesnt.planning.graph import Node, NodeId
+from yesnt.planning.stages import STAGES
 from yesnt.session import Session
-from yesnt.stages import STAGES
 
 VERSION = 2
 """Of this package's tasks; raised when a number changes, which makes every older record stale."""

@@ -24,10 +24,10 @@ from yesnt.evaluation.subjects import Subject, find_subjects
 from yesnt.evaluation.summary import summarise
 from yesnt.evaluation.table import as_markdown
 from yesnt.evaluation.tasks import run_evaluation_node
-from yesnt.graph import Graph
 from yesnt.io.durable import sweep_partials, write_bytes, write_json
 from yesnt.io.jobfile import load_shot
 from yesnt.io.store import FrameStore
+from yesnt.planning.graph import Graph
 from yesnt.session import Session
 from yesnt.workflows.evaluate import constants_graph, evaluation_graph, ladder_graph
 

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt import settings as of
 from yesnt.core.camera import Camera
 from yesnt.core.shot import Job
 from yesnt.evaluation.rows import Row
@@ -20,6 +19,7 @@ from yesnt.io import shot_inputs
 from yesnt.io.jobfile import frame_path, has_frame_number
 from yesnt.io.mesh import read_mesh
 from yesnt.light_task import frame_map
+from yesnt.planning import settings as of
 from yesnt.relight import (
     EnvMap,
     PreparedLight,

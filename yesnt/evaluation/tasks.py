@@ -10,7 +10,7 @@ from yesnt.core.shot import Job
 from yesnt.evaluation.film import exact, film, material
 from yesnt.evaluation.judge import judge, search
 from yesnt.evaluation.remains import bounces
-from yesnt.graph import Node
+from yesnt.planning.graph import Node
 from yesnt.tasks import run_node
 from yesnt.workspace import Workspace
 

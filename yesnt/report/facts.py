@@ -9,8 +9,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from yesnt.audit import states
+from yesnt.planning.stages import STAGES, stage_of
 from yesnt.session import Session
-from yesnt.stages import STAGES, stage_of
 from yesnt.trade.run import read_trade
 
 

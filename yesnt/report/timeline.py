@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from yesnt.stages import STAGES
+from yesnt.planning.stages import STAGES
 
 WIDTH, LANE = 1000, 22
 COLORS = dict(

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt import settings as of
 from yesnt.core.camera import Camera
 from yesnt.core.color import srgb_encode
 from yesnt.decompose.confidence import confidence
@@ -22,6 +21,7 @@ from yesnt.decompose.settings import EnsembleSettings, keyframe_after
 from yesnt.io import shot_inputs
 from yesnt.io.jobfile import frame_path
 from yesnt.light_task import frame_map
+from yesnt.planning import settings as of
 from yesnt.session import Session
 from yesnt.temporal import FlowSettings, flow_and_validity, robust_confidence, solve
 

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 
-from yesnt.chunks import ROUND, ChunkPlan
 from yesnt.core.blocks import Block, chunk_blocks
 from yesnt.io.store import ArrayForm
+from yesnt.planning.chunks import ROUND, ChunkPlan
 
 
 @dataclass(frozen=True)

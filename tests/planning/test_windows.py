@@ -10,11 +10,11 @@ import pytest
 
 from tests.in_process import run_here
 from tests.tiny_shot import write_tiny_shot
-from yesnt import settings as of
 from yesnt.decompose.registry import open_backend
 from yesnt.decompose.window import blend, estimate_clip, make_clip
 from yesnt.io.shot_inputs import read_plate
 from yesnt.io.store import FrameStore
+from yesnt.planning import settings as of
 from yesnt.session import Session
 
 FRAMES, LICENCE = 5, "NVIDIA-NonCommercial"

@@ -13,19 +13,19 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from yesnt import settings as of
-from yesnt.chunks import ROUND, ChunkPlan
 from yesnt.core.blocks import Block, Span, chunk_blocks
 from yesnt.core.shot import Job
 from yesnt.decompose.identity import BackendIdentity
 from yesnt.decompose.settings import REUSE_ONLY, keyframes_taken
 from yesnt.decompose.window import Window, plan_windows
-from yesnt.exchange import Exchange
-from yesnt.graph import Node
 from yesnt.io.jobfile import frame_path, pass_patterns
 from yesnt.io.preview import REEL
 from yesnt.io.records import key_of
 from yesnt.io.store import ArrayForm
+from yesnt.planning import settings as of
+from yesnt.planning.chunks import ROUND, ChunkPlan
+from yesnt.planning.exchange import Exchange
+from yesnt.planning.graph import Node
 from yesnt.temporal.outliers import OUTLIER_HALO
 
 Keys = Mapping[tuple[str, int], str]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from yesnt.chunks import DECOMPOSING, DECOMPOSING_PIXEL, SHORTEST, Extent, plan_chunks
 from yesnt.core.shot import TemporalInput
-from yesnt.exchange import Exchange
+from yesnt.planning.chunks import DECOMPOSING, DECOMPOSING_PIXEL, SHORTEST, Extent, plan_chunks
+from yesnt.planning.exchange import Exchange
 from yesnt.temporal import EnergyParams
 from yesnt.temporal.blocks import listed_bytes
 

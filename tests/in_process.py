@@ -9,7 +9,7 @@ from pathlib import Path
 from yesnt.driver import is_done
 from yesnt.io.store import FrameStore
 from yesnt.session import RunOptions, Session
-from yesnt.tasks import run_node
+from yesnt.tasks.run import run_node
 
 
 def run_here(path: Path, until: str = "decompose", frames: str | None = None, order: int = 0) -> Session:

@@ -16,13 +16,13 @@ from yesnt.driver import is_done
 from yesnt.evaluations import Evaluations, forecast_evaluations
 from yesnt.io import shot_inputs
 from yesnt.io.jobfile import frame_path
-from yesnt.light_task import frame_map
 from yesnt.planning import settings as of
 from yesnt.planning.chunks import ROUND
 from yesnt.planning.graph import Graph, Node
 from yesnt.planning.stages import STAGES, stage_of
 from yesnt.preflight import inspect
 from yesnt.session import Session
+from yesnt.tasks.light import frame_map
 
 if TYPE_CHECKING:
     from yesnt.relight.scope import Requirement

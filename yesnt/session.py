@@ -25,7 +25,7 @@ from yesnt.planning.chunks import ChunkPlan, Extent, fits_whole, matte_extent, p
 from yesnt.planning.graph import Graph, Node, NodeId
 from yesnt.planning.stages import STAGES, ShotPlan, stage_of
 from yesnt.preflight import Resolved, inspect_content, inspect_form, resolve
-from yesnt.tasks import run_node, worker_modules
+from yesnt.tasks.run import run_node, worker_modules
 from yesnt.workflows.shot import shot_graph
 
 Listener = Callable[[Mapping[str, Any]], None]

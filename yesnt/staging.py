@@ -16,8 +16,8 @@ from yesnt.planning.graph import Node
 from yesnt.stage.jobs import RenderJob
 from yesnt.stage.render import find_receipt, render
 from yesnt.stage.tools import Tools
+from yesnt.tasks.workspace import peak_bytes
 from yesnt.workflows.stage import stage_graph
-from yesnt.workspace import peak_bytes
 
 Listener = Callable[[Mapping[str, Any]], None]
 

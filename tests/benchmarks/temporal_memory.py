@@ -22,7 +22,7 @@ from tests.in_process import run_here
 from tests.tiny_shot import write_tiny_shot
 from yesnt.io.exr import write_exr
 from yesnt.session import Session
-from yesnt.tasks import run_node
+from yesnt.tasks.run import run_node
 
 
 def write_shot(folder, frames, size):

@@ -8,7 +8,7 @@ import yaml
 from yesnt.driver import is_done
 from yesnt.io.store import FrameStore
 from yesnt.session import Session
-from yesnt.tasks import run_node
+from yesnt.tasks.run import run_node
 
 STRENGTHS, MEMBERS = (0.02, 0.05, 0.1), 4
 PATHS = ("plate", "gbuffer", "light", "capture_light", "background", "proxy")

@@ -118,7 +118,7 @@ def test_full_is_what_the_product_delivers(evaluated):
     from yesnt.io.store import FrameStore
     from yesnt.planning.graph import Graph
     from yesnt.session import Session
-    from yesnt.tasks import run_node
+    from yesnt.tasks.run import run_node
 
     home = evaluated[1] / "shots" / "ball"
     session = Session(home)

@@ -24,7 +24,7 @@ from yesnt.metrics.motion import Film, measure_flow, measure_lengths, path_lengt
 from yesnt.metrics.score import SOLID, Truth
 from yesnt.metrics.seen import truly_seen
 from yesnt.planning import settings as of
-from yesnt.workspace import Workspace
+from yesnt.tasks.workspace import Workspace
 
 F32 = NDArray[np.float32]
 

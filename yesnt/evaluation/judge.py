@@ -18,7 +18,7 @@ from yesnt.evaluation.subjects import PROXY, Subject, TrueMaterial
 from yesnt.io.shot_inputs import file_digest
 from yesnt.metrics.image import mean_squared_error, psnr
 from yesnt.metrics.score import Truth, score, score_briefly
-from yesnt.workspace import Workspace
+from yesnt.tasks.workspace import Workspace
 
 F32 = NDArray[np.float32]
 

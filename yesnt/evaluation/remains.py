@@ -14,7 +14,7 @@ from yesnt.evaluation.rows import ROWS, Row
 from yesnt.evaluation.scene import SceneKey, open_scene
 from yesnt.metrics.image import mean_squared_error
 from yesnt.metrics.score import Truth
-from yesnt.workspace import Workspace
+from yesnt.tasks.workspace import Workspace
 
 VARIANT = "+"
 """Between a subject and an effect in the name of a shot: `bust+hair` is `bust` with hair."""

@@ -18,7 +18,6 @@ from yesnt.evaluation.rows import Row
 from yesnt.io import shot_inputs
 from yesnt.io.jobfile import frame_path, has_frame_number
 from yesnt.io.mesh import read_mesh
-from yesnt.light_task import frame_map
 from yesnt.planning import settings as of
 from yesnt.relight import (
     EnvMap,
@@ -32,6 +31,7 @@ from yesnt.relight import (
 from yesnt.relight.frame import base_color, finish, shade_pixels
 from yesnt.relight.occlusion import Occluders, find_occluders
 from yesnt.relight.points import Pixels, gather_pixels
+from yesnt.tasks.light import frame_map
 
 F32 = NDArray[np.float32]
 

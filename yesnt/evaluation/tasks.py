@@ -11,8 +11,8 @@ from yesnt.evaluation.film import exact, film, material
 from yesnt.evaluation.judge import judge, search
 from yesnt.evaluation.remains import bounces
 from yesnt.planning.graph import Node
-from yesnt.tasks import run_node
-from yesnt.workspace import Workspace
+from yesnt.tasks.run import run_node
+from yesnt.tasks.workspace import Workspace
 
 TASKS: dict[str, Callable[[Workspace], None]] = {
     "exact": exact, "material": material, "search": search, "given": judge, "reference": judge, "judge": judge,

@@ -20,9 +20,9 @@ from yesnt.decompose.reuse import Link, carry_back
 from yesnt.decompose.settings import EnsembleSettings, keyframe_after
 from yesnt.io import shot_inputs
 from yesnt.io.jobfile import frame_path
-from yesnt.light_task import frame_map
 from yesnt.planning import settings as of
 from yesnt.session import Session
+from yesnt.tasks.light import frame_map
 from yesnt.temporal import FlowSettings, flow_and_validity, robust_confidence, solve
 
 Float32 = NDArray[np.float32]

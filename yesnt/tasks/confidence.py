@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.decompose.confidence import confidence
-from yesnt.solve_task import observed
+from yesnt.tasks.solve import observed
+from yesnt.tasks.workspace import Workspace, trim_memory
 from yesnt.temporal.outliers import FrameTrust, OutlierSettings, frame_trust
 from yesnt.temporal.tracks import ObservedFrame
-from yesnt.workspace import Workspace, trim_memory
 
 Float32 = NDArray[np.float32]
 

@@ -19,10 +19,10 @@ from yesnt.io import shot_inputs
 from yesnt.io.exr import write_exr
 from yesnt.io.jobfile import frame_path
 from yesnt.io.shot_inputs import file_digest
-from yesnt.light_task import backdrop, prepared_lights
 from yesnt.planning import settings as of
 from yesnt.planning.graph import Node
-from yesnt.workspace import Workspace, release_memory, trim_memory
+from yesnt.tasks.light import backdrop, prepared_lights
+from yesnt.tasks.workspace import Workspace, release_memory, trim_memory
 
 if TYPE_CHECKING:
     from yesnt.io.mesh import Mesh
@@ -43,20 +43,27 @@ def run_node(job: Job, node: Node) -> dict[str, Any]:
 
 def window(space: Workspace) -> None:
     """One window of frames of a video backend."""
-    from yesnt.decompose_task import window as run
+    from yesnt.tasks.decompose import window as run
 
     run(space)
 
 
 def worker_modules(shot: Shot) -> tuple[str, ...]:
     """What a worker imports before its first task; heavy parts that only some jobs need are imported where chosen."""
-    always = ("yesnt.tasks", "yesnt.temporal.flow", "yesnt.relight.frame", "yesnt.solve_task", "OpenEXR", "trimesh")
+    always = (
+        "yesnt.tasks.run",
+        "yesnt.temporal.flow",
+        "yesnt.relight.frame",
+        "yesnt.tasks.solve",
+        "OpenEXR",
+        "trimesh",
+    )
     return always if shot.decompose.path else (*always, "yesnt.decompose.ensemble", "yesnt.decompose.registry", "torch")
 
 
 def decompose(space: Workspace) -> None:
     """Mean and spread of the material of one frame."""
-    from yesnt.decompose_task import decompose as run
+    from yesnt.tasks.decompose import decompose as run
 
     run(space)
 
@@ -86,15 +93,15 @@ def flow(space: Workspace) -> None:
 
 def trust(space: Workspace) -> None:
     """The data weight of one chunk."""
-    from yesnt.trust_task import trust as run
+    from yesnt.tasks.confidence import trust as run
 
     run(space)
 
 
 def solve(space: Workspace) -> None:
     """One sweep of the temporal solve: of a block or, jointly, of all frames; or a chunk's frames from its bands."""
-    from yesnt.joint_task import solve_jointly
-    from yesnt.solve_task import join_bands, solve_block
+    from yesnt.tasks.solve import join_bands, solve_block
+    from yesnt.tasks.solve_jointly import solve_jointly
 
     if "parts" in space.node.arguments:
         join_bands(space)

@@ -17,7 +17,7 @@ from yesnt.core.shot import CaptureInput, Job, LightInput
 from yesnt.io import shot_inputs
 from yesnt.io.jobfile import frame_path
 from yesnt.planning import settings as of
-from yesnt.workspace import Workspace
+from yesnt.tasks.workspace import Workspace
 
 if TYPE_CHECKING:
     from yesnt.relight import EnvMap, PreparedLight, Surface

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.solve_task import Links, Window, array_of, keep, known, listed, solve_window
+from yesnt.tasks.solve import Links, Window, array_of, keep, known, listed, solve_window
+from yesnt.tasks.workspace import Workspace
 from yesnt.temporal.geometry import PackedMasks
 from yesnt.temporal.joint import ChangeCounter, FrameLinks, listed_frames, loose_pixels
-from yesnt.workspace import Workspace
 
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]

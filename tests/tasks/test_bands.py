@@ -18,7 +18,7 @@ from yesnt.io.store import FrameStore
 from yesnt.planning.chunks import Extent, matte_extent, plan_chunks
 from yesnt.planning.graph import Graph
 from yesnt.session import RunOptions, Session
-from yesnt.tasks import run_node
+from yesnt.tasks.run import run_node
 from yesnt.temporal import EnergyParams
 from yesnt.workflows.shot import shot_graph
 
@@ -90,16 +90,16 @@ def test_chunks_in_bands_equal_the_whole_solve_around_a_weak_patch(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Two frames a chunk, three bands, metal in Huber's tail, a patch of confidence 0.02 across all seams."""
-    from yesnt import trust_task
+    from yesnt.tasks import confidence as confidence_task
 
-    trusted = trust_task._ensemble_confidence
+    trusted = confidence_task._ensemble_confidence
 
     def weak(space, frame):
         confidence = trusted(space, frame).copy()
         confidence[:, 60:140, 50:110] = 0.02
         return confidence
 
-    monkeypatch.setattr(trust_task, "_ensemble_confidence", weak)
+    monkeypatch.setattr(confidence_task, "_ensemble_confidence", weak)
     whole, cut = Session(write(tmp_path / "whole")), Session(write(tmp_path / "cut", chunk=2, memory=NARROW))
     run_here(whole)
     run_here(cut)
@@ -113,15 +113,16 @@ def test_chunks_in_bands_equal_the_whole_solve_around_an_inconsistent_frame(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The frame has no say, no spatial term where it is linked, and its links are bridges: in every window alike."""
-    from yesnt import solve_task, trust_task
+    from yesnt.tasks import confidence as confidence_task
+    from yesnt.tasks import solve
 
-    trusted = trust_task._ensemble_confidence
+    trusted = confidence_task._ensemble_confidence
 
     def silenced(space, frame):
         return trusted(space, frame) * np.float32(frame != 1002)
 
-    monkeypatch.setattr(solve_task, "_inconsistent", lambda space, frame: frame == 1002)
-    monkeypatch.setattr(trust_task, "_ensemble_confidence", silenced)
+    monkeypatch.setattr(solve, "_inconsistent", lambda space, frame: frame == 1002)
+    monkeypatch.setattr(confidence_task, "_ensemble_confidence", silenced)
     whole, cut = Session(write(tmp_path / "whole")), Session(write(tmp_path / "cut", chunk=2, memory=NARROW))
     run_here(whole)
     run_here(cut)

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from yesnt.core.blocks import Block
 from yesnt.core.errors import JobError
 from yesnt.planning import settings as of
+from yesnt.tasks.workspace import Workspace, release_memory
 from yesnt.temporal import BlockLists, solve_lists
 from yesnt.temporal.geometry import Geometry, PackedMasks, build_geometry, loosen_frame
 from yesnt.temporal.outliers import bridge
-from yesnt.workspace import Workspace, release_memory
 
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]

@@ -12,7 +12,7 @@ from tests.tiny_shot import write_tiny_shot
 from yesnt.io.store import FrameStore
 from yesnt.planning.graph import Node
 from yesnt.preflight import resolve
-from yesnt.workspace import Clock, Workspace
+from yesnt.tasks.workspace import Clock, Workspace
 
 
 def spend(seconds: float) -> None:

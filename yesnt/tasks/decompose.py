@@ -15,7 +15,7 @@ from yesnt.decompose.reuse import Link, Prior, carry_back
 from yesnt.decompose.window import blend, estimate_clip, make_clip
 from yesnt.io import shot_inputs
 from yesnt.planning import settings as of
-from yesnt.workspace import Workspace
+from yesnt.tasks.workspace import Workspace
 
 Float32 = NDArray[np.float32]
 

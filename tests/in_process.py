@@ -6,9 +6,9 @@ import hashlib
 import random
 from pathlib import Path
 
-from yesnt.driver import is_done
 from yesnt.io.store import FrameStore
-from yesnt.session import RunOptions, Session
+from yesnt.runtime.driver import is_done
+from yesnt.runtime.session import RunOptions, Session
 from yesnt.tasks.run import run_node
 
 

@@ -18,7 +18,7 @@ from typing import Any
 import pytest
 import yaml
 
-from yesnt.cluster import ALLOCATOR, ClusterSpec, dask_settings, open_cluster
+from yesnt.runtime.cluster import ALLOCATOR, ClusterSpec, dask_settings, open_cluster
 
 ROOT = Path(__file__).parent.parent
 DOCKERFILES = sorted((ROOT / "docker").glob("*.Dockerfile"))

@@ -8,7 +8,7 @@ from pathlib import Path
 from tests.in_process import run_here
 from tests.tiny_shot import write_tiny_shot
 from yesnt.report import write_report
-from yesnt.session import Session
+from yesnt.runtime.session import Session
 
 DECOMPOSE = {"backend": "embedded", "samples": 2, "knobs": {"keyframe_step": 3, "steps": 1}}
 

@@ -13,7 +13,7 @@ from yesnt.io.shot_inputs import file_digest
 from yesnt.io.store import FrameStore
 from yesnt.planning.graph import Graph, Node
 from yesnt.planning.stages import STAGES, stage_of
-from yesnt.session import Session
+from yesnt.runtime.session import Session
 
 DONE, STALE, WAITING, DEAD = "done", "stale", "waiting", "dead"
 

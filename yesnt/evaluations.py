@@ -10,11 +10,11 @@ import numpy as np
 
 from yesnt.core.shot import Job
 from yesnt.decompose.blend import PatchGrid
-from yesnt.driver import is_done
 from yesnt.io.shot_inputs import read_matte
 from yesnt.planning import settings as of
 from yesnt.planning.graph import Graph, Node
-from yesnt.session import Session
+from yesnt.runtime.driver import is_done
+from yesnt.runtime.session import Session
 
 TYPICAL_SHARE = {"full": 0.35, "between": 0.1}
 """Share of all members that a frame drawn in full, and one between keyframes, spends where a tolerance is set.

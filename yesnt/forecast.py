@@ -12,7 +12,6 @@ import numpy as np
 
 from yesnt.audit import DONE, states
 from yesnt.core.camera import Camera
-from yesnt.driver import is_done
 from yesnt.evaluations import Evaluations, forecast_evaluations
 from yesnt.io import shot_inputs
 from yesnt.io.jobfile import frame_path
@@ -20,8 +19,9 @@ from yesnt.planning import settings as of
 from yesnt.planning.chunks import ROUND
 from yesnt.planning.graph import Graph, Node
 from yesnt.planning.stages import STAGES, stage_of
-from yesnt.preflight import inspect
-from yesnt.session import Session
+from yesnt.runtime.driver import is_done
+from yesnt.runtime.preflight import inspect
+from yesnt.runtime.session import Session
 from yesnt.tasks.light import frame_map
 
 if TYPE_CHECKING:

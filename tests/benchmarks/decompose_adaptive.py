@@ -18,7 +18,7 @@ import yaml
 
 from yesnt.decompose.settings import EnsembleSettings
 from yesnt.io.exr import read_image
-from yesnt.session import Session
+from yesnt.runtime.session import Session
 from yesnt.trade.lab import Lab
 
 WHOLE = EnsembleSettings(16, tolerance=0.0, keyframe_step=1)

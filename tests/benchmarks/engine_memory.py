@@ -15,8 +15,8 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parent))
 from long_shot import write_long_shot
 
-from yesnt.cluster import ClusterSpec
-from yesnt.session import RunOptions, Session
+from yesnt.runtime.cluster import ClusterSpec
+from yesnt.runtime.session import RunOptions, Session
 
 
 def peak(folder: Path, frames: int) -> tuple[float, str]:

@@ -128,7 +128,7 @@ def composite(width, height, quality):
 
 def run(length, folder):
     """Materials read, flow, chunked solve of a whole shot, task after task as a worker does them; 240x135."""
-    from yesnt.session import Session
+    from yesnt.runtime.session import Session
     from yesnt.tasks.run import run_node
 
     session = Session(write_shot(folder, length))

@@ -21,7 +21,7 @@ import yaml
 from tests.in_process import run_here
 from tests.tiny_shot import write_tiny_shot
 from yesnt.io.exr import write_exr
-from yesnt.session import Session
+from yesnt.runtime.session import Session
 from yesnt.tasks.run import run_node
 
 

@@ -5,9 +5,9 @@ import numpy as np
 import OpenEXR
 import yaml
 
-from yesnt.driver import is_done
 from yesnt.io.store import FrameStore
-from yesnt.session import Session
+from yesnt.runtime.driver import is_done
+from yesnt.runtime.session import Session
 from yesnt.tasks.run import run_node
 
 STRENGTHS, MEMBERS = (0.02, 0.05, 0.1), 4

@@ -117,7 +117,7 @@ def test_full_is_what_the_product_delivers(evaluated):
     """The same picture, to the bit, that the job of `yesnt run` would composite."""
     from yesnt.io.store import FrameStore
     from yesnt.planning.graph import Graph
-    from yesnt.session import Session
+    from yesnt.runtime.session import Session
     from yesnt.tasks.run import run_node
 
     home = evaluated[1] / "shots" / "ball"

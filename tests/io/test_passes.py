@@ -9,7 +9,7 @@ from yesnt.core.errors import JobError
 from yesnt.io.exr import read_image, write_exr
 from yesnt.io.jobfile import pass_patterns
 from yesnt.io.shot_inputs import read_passes
-from yesnt.preflight import resolve
+from yesnt.runtime.preflight import resolve
 
 FRAMES = range(1001, 1005)
 

@@ -10,7 +10,7 @@ from tests.in_process import run_here, shard_digests
 from tests.tiny_shot import write_tiny_shot
 from yesnt.evaluations import forecast_evaluations
 from yesnt.io.store import FrameStore
-from yesnt.session import Missing, Session
+from yesnt.runtime.session import Missing, Session
 
 DECOMPOSE = {"backend": "embedded", "samples": 2, "knobs": {"keyframe_step": 3, "steps": 1}}
 

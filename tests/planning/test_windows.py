@@ -15,7 +15,7 @@ from yesnt.decompose.window import blend, estimate_clip, make_clip
 from yesnt.io.shot_inputs import read_plate
 from yesnt.io.store import FrameStore
 from yesnt.planning import settings as of
-from yesnt.session import Session
+from yesnt.runtime.session import Session
 
 FRAMES, LICENCE = 5, "NVIDIA-NonCommercial"
 KNOBS = {"steps": 1, "patch": 64, "window": 3, "window_overlap": 1, "precision": "float32"}

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from tests.tiny_shot import write_tiny_shot
-from yesnt.cluster import ClusterSpec, open_cluster
 from yesnt.core.shot import TemporalInput
-from yesnt.driver import is_done
 from yesnt.forecast import forecast
 from yesnt.io.shot_inputs import read_matte
 from yesnt.io.store import FrameStore
 from yesnt.planning.chunks import Extent, matte_extent, plan_chunks
 from yesnt.planning.graph import Graph
-from yesnt.session import RunOptions, Session
+from yesnt.runtime.cluster import ClusterSpec, open_cluster
+from yesnt.runtime.driver import is_done
+from yesnt.runtime.session import RunOptions, Session
 from yesnt.tasks.run import run_node
 from yesnt.temporal import EnergyParams
 from yesnt.workflows.shot import shot_graph

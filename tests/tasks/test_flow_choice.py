@@ -14,8 +14,8 @@ from tests.tiny_shot import write_tiny_shot
 from yesnt.core.errors import JobError
 from yesnt.io.exr import write_exr
 from yesnt.io.store import FrameStore
-from yesnt.preflight import inspect_form
-from yesnt.session import Session
+from yesnt.runtime.preflight import inspect_form
+from yesnt.runtime.session import Session
 
 SIZE = (40, 32)
 SPEED = 0.03 * 1.6 * 40 / 2.5

@@ -17,7 +17,7 @@ from yesnt.forecast import forecast
 from yesnt.io.exr import read_image, write_exr
 from yesnt.relight import EnvMap, GBuffer, shade
 from yesnt.relight.envmap import direction_to_uv, uv_to_direction
-from yesnt.session import Session
+from yesnt.runtime.session import Session
 
 ROWS = 16
 

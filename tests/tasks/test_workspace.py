@@ -11,7 +11,7 @@ import pytest
 from tests.tiny_shot import write_tiny_shot
 from yesnt.io.store import FrameStore
 from yesnt.planning.graph import Node
-from yesnt.preflight import resolve
+from yesnt.runtime.preflight import resolve
 from yesnt.tasks.workspace import Clock, Workspace
 
 

@@ -9,7 +9,7 @@ import pytest
 from tests.tiny_shot import write_tiny_shot
 from yesnt.core.errors import UsageError
 from yesnt.decompose.settings import EnsembleSettings
-from yesnt.session import Session
+from yesnt.runtime.session import Session
 from yesnt.trade import TradeOptions, run_trade
 from yesnt.trade import run as module
 from yesnt.trade.variants import Variant, variants

@@ -38,8 +38,8 @@ def run(
     json: JsonOption = False,
 ) -> int:
     """Run a shot; what is done already is not done again."""
-    from yesnt.cluster import ClusterSpec
-    from yesnt.session import RunOptions, Session
+    from yesnt.runtime.cluster import ClusterSpec
+    from yesnt.runtime.session import RunOptions, Session
 
     session = Session(shot, tuple(accept_license or ()))
     return _drive(session, RunOptions(frames, until, ClusterSpec(cluster, workers)), json)
@@ -52,9 +52,9 @@ def demo(
     json: JsonOption = False,
 ) -> int:
     """Run the main job on the embedded shot with two local workers."""
-    from yesnt.cluster import ClusterSpec
     from yesnt.io.embedded_shot import copy_embedded_shot
-    from yesnt.session import RunOptions, Session
+    from yesnt.runtime.cluster import ClusterSpec
+    from yesnt.runtime.session import RunOptions, Session
 
     return _drive(Session(copy_embedded_shot(folder)), RunOptions(cluster=ClusterSpec("local", workers)), json)
 
@@ -72,7 +72,7 @@ def plan(shot: ShotArgument, json: JsonOption = False) -> None:
     """Say what a run would do, why, and what it would cost; nothing runs."""
     from yesnt.cli.plan import print_plan
     from yesnt.forecast import forecast
-    from yesnt.session import Session
+    from yesnt.runtime.session import Session
 
     found = forecast(Session(shot))
     if json:
@@ -85,7 +85,7 @@ def plan(shot: ShotArgument, json: JsonOption = False) -> None:
 def status(shot: ShotArgument, json: JsonOption = False) -> None:
     """Show the state of every frame of every stage."""
     from yesnt.audit import as_json, states
-    from yesnt.session import Session
+    from yesnt.runtime.session import Session
 
     found = states(Session(shot))
     if json:
@@ -99,7 +99,7 @@ def explain(shot: ShotArgument, frame: int, json: JsonOption = False) -> None:
     """Say why a frame would be computed again, or that it would not."""
     from yesnt.audit import as_json
     from yesnt.audit import explain as find
-    from yesnt.session import Session
+    from yesnt.runtime.session import Session
 
     found = find(Session(shot), frame)
     if json:
@@ -121,9 +121,9 @@ def retry(
 ) -> int:
     """Do frames again: forgets their records and marks of death, then runs."""
     from yesnt.audit import forget
-    from yesnt.cluster import ClusterSpec
     from yesnt.planning.stages import STAGES
-    from yesnt.session import RunOptions, Session
+    from yesnt.runtime.cluster import ClusterSpec
+    from yesnt.runtime.session import RunOptions, Session
 
     forget(Session(shot), stage or list(STAGES), frames)
     return _drive(Session(shot), RunOptions(cluster=ClusterSpec(cluster, workers)), json)
@@ -139,8 +139,8 @@ def verify(
     """Read everything that is committed and compare it with its record."""
     from yesnt.audit import as_json
     from yesnt.audit import verify as find
-    from yesnt.cluster import ClusterSpec
-    from yesnt.session import RunOptions, Session
+    from yesnt.runtime.cluster import ClusterSpec
+    from yesnt.runtime.session import RunOptions, Session
 
     session = Session(shot)
     damage = find(session)
@@ -162,7 +162,7 @@ def verify(
 def report(shot: ShotArgument) -> None:
     """Write a self-contained page about the run: strips, slices through time, times, timeline."""
     from yesnt.report import write_report
-    from yesnt.session import Session
+    from yesnt.runtime.session import Session
 
     print(f"Report: {write_report(Session(shot))}")
 
@@ -198,7 +198,7 @@ def doctor(json: JsonOption = False) -> int:
 def _drive(session: object, options: object, json: bool) -> int:
     """Runs with progress and prints where the results are; 3 if frames are missing."""
     from yesnt.cli.progress import BarProgress, LineProgress
-    from yesnt.session import RunOptions, Session
+    from yesnt.runtime.session import RunOptions, Session
 
     assert isinstance(session, Session)
     assert isinstance(options, RunOptions)
@@ -229,7 +229,7 @@ def _drive(session: object, options: object, json: bool) -> int:
 
 
 def _print_result(session: object, warnings: list[str], missing: list[dict[str, object]]) -> None:
-    from yesnt.session import Session
+    from yesnt.runtime.session import Session
 
     assert isinstance(session, Session)
     for warning in warnings:

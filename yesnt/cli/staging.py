@@ -16,10 +16,10 @@ def drive_stage(sets: list[str], out: Path, cache: Path, small: bool, workers: i
         MissingPartError: Blender or anny is absent.
     """
     from yesnt.cli.progress import BarProgress, LineProgress
-    from yesnt.cluster import ClusterSpec
+    from yesnt.runtime.capture_stage_run import StageContext, run_stage
+    from yesnt.runtime.cluster import ClusterSpec
     from yesnt.stage.jobs import SETS
     from yesnt.stage.tools import find_tools
-    from yesnt.staging import StageContext, run_stage
 
     unknown = sorted(set(sets) - set(SETS))
     if unknown:

@@ -20,7 +20,7 @@ from yesnt.io.shot_inputs import file_digest
 from yesnt.planning import settings as of
 from yesnt.planning.graph import Node, NodeId
 from yesnt.planning.stages import STAGES
-from yesnt.session import Session
+from yesnt.runtime.session import Session
 
 VERSION = 2
 """Of this package's tasks; raised when a number changes, which makes every older record stale."""

@@ -13,10 +13,8 @@ from typing import Any
 
 import yaml
 
-from yesnt.cluster import ClusterSpec, open_cluster
 from yesnt.core.errors import JobError
 from yesnt.core.shot import Shot
-from yesnt.driver import Driver
 from yesnt.evaluation.constants import best_constants
 from yesnt.evaluation.page import write_page
 from yesnt.evaluation.plan import EvalPlan
@@ -28,7 +26,9 @@ from yesnt.io.durable import sweep_partials, write_bytes, write_json
 from yesnt.io.jobfile import load_shot
 from yesnt.io.store import FrameStore
 from yesnt.planning.graph import Graph
-from yesnt.session import Session
+from yesnt.runtime.cluster import ClusterSpec, open_cluster
+from yesnt.runtime.driver import Driver
+from yesnt.runtime.session import Session
 from yesnt.workflows.evaluate import constants_graph, evaluation_graph, ladder_graph
 
 Listener = Callable[[Mapping[str, Any]], None]

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from yesnt.cluster import pin_threads
 from yesnt.core.shot import Job
 from yesnt.evaluation.film import exact, film, material
 from yesnt.evaluation.judge import judge, search
 from yesnt.evaluation.remains import bounces
 from yesnt.planning.graph import Node
+from yesnt.runtime.cluster import pin_threads
 from yesnt.tasks.run import run_node
 from yesnt.tasks.workspace import Workspace
 

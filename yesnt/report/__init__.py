@@ -10,7 +10,7 @@ from yesnt.io.durable import write_bytes, write_json
 from yesnt.report.facts import gather
 from yesnt.report.pictures import draw
 from yesnt.report.timeline import timeline_svg
-from yesnt.session import Session
+from yesnt.runtime.session import Session
 
 TEMPLATE = Path(__file__).parent.parent / "data" / "report.html.jinja"
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from yesnt.audit import states
 from yesnt.planning.stages import STAGES, stage_of
-from yesnt.session import Session
+from yesnt.runtime.session import Session
 from yesnt.trade.run import read_trade
 
 

@@ -10,7 +10,7 @@ from yesnt.core.errors import YesntError
 from yesnt.io.exr import read_image
 from yesnt.io.shot_inputs import read_plate
 from yesnt.io.store import FrameStore
-from yesnt.session import Session
+from yesnt.runtime.session import Session
 
 STRIP_FRAMES = 3
 

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.cluster import pin_threads
 from yesnt.core.camera import Camera
 from yesnt.core.channels import CHANNELS, DELIVERED
 from yesnt.core.color import CHROMATICITIES_REC709
@@ -21,6 +20,7 @@ from yesnt.io.jobfile import frame_path
 from yesnt.io.shot_inputs import file_digest
 from yesnt.planning import settings as of
 from yesnt.planning.graph import Node
+from yesnt.runtime.cluster import pin_threads
 from yesnt.tasks.light import backdrop, prepared_lights
 from yesnt.tasks.workspace import Workspace, release_memory, trim_memory
 

@@ -21,7 +21,7 @@ from yesnt.decompose.settings import EnsembleSettings, keyframe_after
 from yesnt.io import shot_inputs
 from yesnt.io.jobfile import frame_path
 from yesnt.planning import settings as of
-from yesnt.session import Session
+from yesnt.runtime.session import Session
 from yesnt.tasks.light import frame_map
 from yesnt.temporal import FlowSettings, flow_and_validity, robust_confidence, solve
 

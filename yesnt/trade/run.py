@@ -11,7 +11,7 @@ import numpy as np
 
 from yesnt.core.errors import UsageError
 from yesnt.io.durable import write_bytes, write_json
-from yesnt.session import Session
+from yesnt.runtime.session import Session
 from yesnt.trade.choose import Point, cheapest
 from yesnt.trade.lab import Lab, Spent
 from yesnt.trade.plot import plot_svg

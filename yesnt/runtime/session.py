@@ -12,9 +12,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from yesnt.cluster import ClusterSpec, check_kind, open_cluster, warm_up
 from yesnt.core.errors import UsageError
-from yesnt.driver import Driver, DriverSettings, Outcome, is_done
 from yesnt.io.durable import sweep_partials, write_json
 from yesnt.io.jobfile import parse_frames
 from yesnt.io.output import OutputFolder
@@ -24,7 +22,9 @@ from yesnt.planning import settings as of
 from yesnt.planning.chunks import ChunkPlan, Extent, fits_whole, matte_extent, plan_chunks
 from yesnt.planning.graph import Graph, Node, NodeId
 from yesnt.planning.stages import STAGES, ShotPlan, stage_of
-from yesnt.preflight import Resolved, inspect_content, inspect_form, resolve
+from yesnt.runtime.cluster import ClusterSpec, check_kind, open_cluster, warm_up
+from yesnt.runtime.driver import Driver, DriverSettings, Outcome, is_done
+from yesnt.runtime.preflight import Resolved, inspect_content, inspect_form, resolve
 from yesnt.tasks.run import run_node, worker_modules
 from yesnt.workflows.shot import shot_graph
 

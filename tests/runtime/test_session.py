@@ -12,12 +12,12 @@ import pytest
 
 from tests.tiny_shot import write_tiny_shot
 from yesnt.audit import explain, forget, states, verify
-from yesnt.cluster import ClusterSpec, open_cluster
 from yesnt.core.errors import UsageError
 from yesnt.io.exr import read_image
 from yesnt.io.store import FrameStore
 from yesnt.planning.stages import stage_of
-from yesnt.session import RunOptions, RunResult, Session
+from yesnt.runtime.cluster import ClusterSpec, open_cluster
+from yesnt.runtime.session import RunOptions, RunResult, Session
 
 FRAMES = 4
 

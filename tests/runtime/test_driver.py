@@ -10,12 +10,12 @@ from distributed import KilledWorker
 from distributed.comm import CommClosedError
 
 from tests.fake_tasks import fake_task, runs_of
-from yesnt.cluster import ClusterSpec, open_cluster
 from yesnt.core.errors import ClusterLostError, UsageError
 from yesnt.core.shot import GBufferInput, Job, LightInput, PlateInput, Shot
-from yesnt.driver import Driver, DriverSettings, Outcome
 from yesnt.io.records import RecordBook
 from yesnt.planning.graph import Graph, Node
+from yesnt.runtime.cluster import ClusterSpec, open_cluster
+from yesnt.runtime.driver import Driver, DriverSettings, Outcome
 
 pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning")  # Dask closes sockets of killed workers late
 
@@ -130,7 +130,7 @@ def _thread_counts() -> dict[str, int]:
     import numba  # noqa: F401
     import torch  # noqa: F401
 
-    from yesnt.cluster import pin_threads
+    from yesnt.runtime.cluster import pin_threads
 
     return pin_threads()
 
@@ -143,7 +143,7 @@ def test_remote_schedulers_need_tls() -> None:
 
 
 def test_a_scheduler_that_is_not_there_is_a_lost_cluster(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("yesnt.cluster._CONNECT_SECONDS", 1)
+    monkeypatch.setattr("yesnt.runtime.cluster._CONNECT_SECONDS", 1)
     with pytest.raises(ClusterLostError, match="does not answer"), open_cluster(ClusterSpec("tcp://127.0.0.1:9")):
         pass
 

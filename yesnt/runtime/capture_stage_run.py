@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from yesnt.cluster import ClusterSpec, open_cluster
-from yesnt.driver import Driver, DriverSettings, Outcome
 from yesnt.io.records import Record, RecordBook
 from yesnt.planning.graph import Node
+from yesnt.runtime.cluster import ClusterSpec, open_cluster
+from yesnt.runtime.driver import Driver, DriverSettings, Outcome
 from yesnt.stage.jobs import RenderJob
 from yesnt.stage.render import find_receipt, render
 from yesnt.stage.tools import Tools

@@ -1,0 +1,1 @@
+"""Runs a plan: clusters, driver, session, checks before work."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from tests.in_process import run_here, shard_digests
 from tests.tiny_shot import write_tiny_shot
-from yesnt.evaluations import forecast_evaluations
+from yesnt.inspect.sampling_cost import forecast_evaluations
 from yesnt.io.store import FrameStore
 from yesnt.runtime.session import Missing, Session
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from tests.tiny_shot import write_tiny_shot
-from yesnt.audit import explain, forget, states, verify
 from yesnt.core.errors import UsageError
+from yesnt.inspect.audit import explain, forget, states, verify
 from yesnt.io.exr import read_image
 from yesnt.io.store import FrameStore
 from yesnt.planning.stages import stage_of

@@ -10,7 +10,7 @@ import pytest
 
 from tests.tiny_shot import write_tiny_shot
 from yesnt.core.shot import TemporalInput
-from yesnt.forecast import forecast
+from yesnt.inspect.forecast import forecast
 from yesnt.io.shot_inputs import read_matte
 from yesnt.io.store import FrameStore
 from yesnt.planning.chunks import Extent, matte_extent, plan_chunks

@@ -13,7 +13,7 @@ from tests.in_process import run_here
 from tests.tiny_shot import write_tiny_shot
 from yesnt.core.camera import Camera
 from yesnt.core.errors import JobError
-from yesnt.forecast import forecast
+from yesnt.inspect.forecast import forecast
 from yesnt.io.exr import read_image, write_exr
 from yesnt.relight import EnvMap, GBuffer, shade
 from yesnt.relight.envmap import direction_to_uv, uv_to_direction

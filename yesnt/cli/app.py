@@ -71,7 +71,7 @@ def init(folder: Annotated[Path, typer.Argument(metavar="DIR")]) -> None:
 def plan(shot: ShotArgument, json: JsonOption = False) -> None:
     """Say what a run would do, why, and what it would cost; nothing runs."""
     from yesnt.cli.plan import print_plan
-    from yesnt.forecast import forecast
+    from yesnt.inspect.forecast import forecast
     from yesnt.runtime.session import Session
 
     found = forecast(Session(shot))
@@ -84,7 +84,7 @@ def plan(shot: ShotArgument, json: JsonOption = False) -> None:
 @app.command()
 def status(shot: ShotArgument, json: JsonOption = False) -> None:
     """Show the state of every frame of every stage."""
-    from yesnt.audit import as_json, states
+    from yesnt.inspect.audit import as_json, states
     from yesnt.runtime.session import Session
 
     found = states(Session(shot))
@@ -97,8 +97,8 @@ def status(shot: ShotArgument, json: JsonOption = False) -> None:
 @app.command()
 def explain(shot: ShotArgument, frame: int, json: JsonOption = False) -> None:
     """Say why a frame would be computed again, or that it would not."""
-    from yesnt.audit import as_json
-    from yesnt.audit import explain as find
+    from yesnt.inspect.audit import as_json
+    from yesnt.inspect.audit import explain as find
     from yesnt.runtime.session import Session
 
     found = find(Session(shot), frame)
@@ -120,7 +120,7 @@ def retry(
     json: JsonOption = False,
 ) -> int:
     """Do frames again: forgets their records and marks of death, then runs."""
-    from yesnt.audit import forget
+    from yesnt.inspect.audit import forget
     from yesnt.planning.stages import STAGES
     from yesnt.runtime.cluster import ClusterSpec
     from yesnt.runtime.session import RunOptions, Session
@@ -137,8 +137,8 @@ def verify(
     json: JsonOption = False,
 ) -> int:
     """Read everything that is committed and compare it with its record."""
-    from yesnt.audit import as_json
-    from yesnt.audit import verify as find
+    from yesnt.inspect.audit import as_json
+    from yesnt.inspect.audit import verify as find
     from yesnt.runtime.cluster import ClusterSpec
     from yesnt.runtime.session import RunOptions, Session
 
@@ -185,7 +185,7 @@ def stage(
 @app.command()
 def doctor(json: JsonOption = False) -> int:
     """Show versions, threads, security floors, scratch speed, and optional parts."""
-    from yesnt.doctor import examine
+    from yesnt.inspect.doctor import examine
 
     findings = examine()
     if json:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from yesnt.cli.text import gigabytes, print_table, seconds
-from yesnt.forecast import Forecast
+from yesnt.inspect.forecast import Forecast
 
 
 def print_plan(found: Forecast) -> None:

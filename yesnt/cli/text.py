@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from yesnt.core.errors import YesntError
 
 if TYPE_CHECKING:
-    from yesnt.audit import FrameState
+    from yesnt.inspect.audit import FrameState
 
 
 def print_error(error: YesntError, as_json: bool) -> None:

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from yesnt.audit import states
+from yesnt.inspect.audit import states
 from yesnt.planning.stages import STAGES, stage_of
 from yesnt.runtime.session import Session
 from yesnt.trade.run import read_trade

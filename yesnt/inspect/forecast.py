@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from yesnt.audit import DONE, states
 from yesnt.core.camera import Camera
-from yesnt.evaluations import Evaluations, forecast_evaluations
+from yesnt.inspect.audit import DONE, states
+from yesnt.inspect.sampling_cost import Evaluations, forecast_evaluations
 from yesnt.io import shot_inputs
 from yesnt.io.jobfile import frame_path
 from yesnt.planning import settings as of

@@ -10,7 +10,7 @@ from yesnt.planning.graph import Graph, Node
 from yesnt.workflows.shot import shot_graph
 
 if TYPE_CHECKING:
-    from yesnt.evaluation.plan import EvalPlan
+    from yesnt.measure.evaluation.plan import EvalPlan
 
 
 def evaluation_graph(plan: EvalPlan) -> Graph:

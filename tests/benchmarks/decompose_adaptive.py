@@ -18,8 +18,8 @@ import yaml
 
 from yesnt.decompose.settings import EnsembleSettings
 from yesnt.io.exr import read_image
+from yesnt.measure.trade.harness import Lab
 from yesnt.runtime.session import Session
-from yesnt.trade.lab import Lab
 
 WHOLE = EnsembleSettings(16, tolerance=0.0, keyframe_step=1)
 CASES = {

@@ -64,7 +64,7 @@ def test_equals_the_authors_implementation(net, noisy):
 
 
 def test_published_weights_give_the_authors_number(noisy):
-    from yesnt.evaluation.nets import open_nets
+    from yesnt.measure.evaluation.nets import open_nets
 
     nets = open_nets(None)
     if not nets:
@@ -82,7 +82,7 @@ def test_other_weights_are_refused():
 
 
 def test_published_weights_forgive_a_shift_and_not_a_blur(picture):
-    from yesnt.evaluation.nets import open_nets
+    from yesnt.measure.evaluation.nets import open_nets
 
     nets = open_nets(None)
     if not nets:

@@ -49,8 +49,8 @@ def evaluate(
     json: JsonOption = False,
 ) -> int:
     """Measure shots that have truth: accuracy, ablations, films, each stage's own error; what is done is not redone."""
-    from yesnt.evaluation.run import EvalOptions, run_evaluation
-    from yesnt.evaluation.table import as_markdown
+    from yesnt.measure.evaluation.run import EvalOptions, run_evaluation
+    from yesnt.measure.evaluation.table import as_markdown
 
     options = EvalOptions(
         shots=_names(shots), maps=_names(maps), thorough=frames, probes=probes, samples=samples, weights=weights,

@@ -22,8 +22,8 @@ def trade(
     """Measure what each stage's speed settings cost in accuracy on this shot; name the cheapest that will do."""
     import sys
 
+    from yesnt.measure.trade import TradeOptions, run_trade
     from yesnt.runtime.session import Session
-    from yesnt.trade import TradeOptions, run_trade
 
     def tell(line: str) -> None:
         print(line, file=sys.stderr)

@@ -9,9 +9,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from yesnt.inspect.audit import states
+from yesnt.measure.trade.run import read_trade
 from yesnt.planning.stages import STAGES, stage_of
 from yesnt.runtime.session import Session
-from yesnt.trade.run import read_trade
 
 
 def gather(session: Session) -> dict[str, Any]:

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from typing import Any
 
 from yesnt.core.shot import Job
-from yesnt.evaluation.film import exact, film, material
-from yesnt.evaluation.judge import judge, search
-from yesnt.evaluation.remains import bounces
+from yesnt.measure.evaluation.remains import bounces
+from yesnt.measure.evaluation.scorer import judge, search
+from yesnt.measure.evaluation.sequence_tasks import exact, film, material
 from yesnt.planning.graph import Node
 from yesnt.runtime.cluster import pin_threads
 from yesnt.tasks.run import run_node

@@ -15,16 +15,16 @@ import yaml
 
 from yesnt.core.errors import JobError
 from yesnt.core.shot import Shot
-from yesnt.evaluation.constants import best_constants
-from yesnt.evaluation.page import write_page
-from yesnt.evaluation.plan import EvalPlan
-from yesnt.evaluation.subjects import Subject, find_subjects
-from yesnt.evaluation.summary import summarise
-from yesnt.evaluation.table import as_markdown
-from yesnt.evaluation.tasks import run_evaluation_node
 from yesnt.io.durable import sweep_partials, write_bytes, write_json
 from yesnt.io.jobfile import load_shot
 from yesnt.io.store import FrameStore
+from yesnt.measure.evaluation.constants import best_constants
+from yesnt.measure.evaluation.page import write_page
+from yesnt.measure.evaluation.plan import EvalPlan
+from yesnt.measure.evaluation.subjects import Subject, find_subjects
+from yesnt.measure.evaluation.summary import summarise
+from yesnt.measure.evaluation.table import as_markdown
+from yesnt.measure.evaluation.tasks import run_evaluation_node
 from yesnt.planning.graph import Graph
 from yesnt.runtime.cluster import ClusterSpec, open_cluster
 from yesnt.runtime.driver import Driver

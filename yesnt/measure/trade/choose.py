@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
-from yesnt.trade.variants import STAGES
+from yesnt.measure.trade.variants import STAGES
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,9 @@
 """Texts of the tables."""
 
-from yesnt.evaluation.margins import margins
-from yesnt.evaluation.rows import ROWS
-from yesnt.evaluation.summary import spread
-from yesnt.evaluation.table import as_markdown, number, tables
+from yesnt.measure.evaluation.margins import margins
+from yesnt.measure.evaluation.rows import ROWS
+from yesnt.measure.evaluation.summary import spread
+from yesnt.measure.evaluation.table import as_markdown, number, tables
 
 
 def test_spread_is_mean_and_population_deviation_of_what_is_finite():

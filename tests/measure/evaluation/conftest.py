@@ -101,7 +101,7 @@ def shot(tmp_path):
 @pytest.fixture(scope="session")
 def evaluated(tmp_path_factory):
     """The shot evaluated once in this process: (folder, output, result)."""
-    from yesnt.evaluation.run import EvalOptions, run_evaluation
+    from yesnt.measure.evaluation.run import EvalOptions, run_evaluation
 
     home = tmp_path_factory.mktemp("eval")
     folder = write_shot(home / "set" / "ball").parent

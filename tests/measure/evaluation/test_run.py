@@ -5,12 +5,12 @@ import math
 
 import numpy as np
 import pytest
-
 from tests.evaluation.conftest import rgb, write_shot
+
 from yesnt.core.errors import UsageError
-from yesnt.evaluation.rows import ROWS
-from yesnt.evaluation.run import EvalOptions, run_evaluation
 from yesnt.io.exr import read_image, write_exr
+from yesnt.measure.evaluation.rows import ROWS
+from yesnt.measure.evaluation.run import EvalOptions, run_evaluation
 
 HERE = EvalOptions(workers=0)
 
@@ -184,7 +184,7 @@ def test_workers_give_the_same_numbers(evaluated, tmp_path):
 
 def _fresh(call, shot, output, listen):
     """Digests of truth are remembered for the life of a process; a new run is a new process."""
-    from yesnt.evaluation import plan
+    from yesnt.measure.evaluation import plan
 
     plan._digest.cache_clear()
     return call(shot, output, HERE, listen)
@@ -215,7 +215,7 @@ def test_what_remains_is_read_from_truths_that_end_early_and_from_variants(shot,
 
 
 def test_another_page_shows_what_was_measured_beside_it(tmp_path):
-    from yesnt.evaluation.run import measured_elsewhere
+    from yesnt.measure.evaluation.run import measured_elsewhere
 
     (tmp_path / "remains").mkdir()
     (tmp_path / "remains" / "evaluation.json").write_text(json.dumps({"remains": [{"effect": "hair"}]}))

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from yesnt.evaluation.margins import margins
-from yesnt.evaluation.pictures import strip_name
-from yesnt.evaluation.plan import EvalPlan
-from yesnt.evaluation.remains import remains
-from yesnt.evaluation.rows import ROWS, SEPARATIONS, Row
+from yesnt.measure.evaluation.margins import margins
+from yesnt.measure.evaluation.pictures import strip_name
+from yesnt.measure.evaluation.plan import EvalPlan
+from yesnt.measure.evaluation.remains import remains
+from yesnt.measure.evaluation.rows import ROWS, SEPARATIONS, Row
 from yesnt.metrics.definitions import DEFINITIONS
 from yesnt.metrics.image import decibels
 

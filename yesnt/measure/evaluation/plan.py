@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from yesnt.evaluation.judge import FILMED, GIVEN_KEPT, SEARCH_METALLIC, SEARCH_ROUGHNESS, SEARCH_STRIDE
-from yesnt.evaluation.nets import stlpips_weights
-from yesnt.evaluation.rows import EXACT_ARRAYS, ROWS, Row
-from yesnt.evaluation.subjects import PROXY, RELIT, Subject, common_frames
 from yesnt.io.records import key_of
 from yesnt.io.shot_inputs import file_digest
+from yesnt.measure.evaluation.nets import stlpips_weights
+from yesnt.measure.evaluation.rows import EXACT_ARRAYS, ROWS, Row
+from yesnt.measure.evaluation.scorer import FILMED, GIVEN_KEPT, SEARCH_METALLIC, SEARCH_ROUGHNESS, SEARCH_STRIDE
+from yesnt.measure.evaluation.subjects import PROXY, RELIT, Subject, common_frames
 from yesnt.planning import settings as of
 from yesnt.planning.graph import Node, NodeId
 from yesnt.planning.stages import STAGES

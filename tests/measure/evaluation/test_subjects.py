@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from yesnt.core.errors import JobError
-from yesnt.evaluation.subjects import find_subjects
+from yesnt.measure.evaluation.subjects import find_subjects
 from yesnt.metrics.seen import truly_seen
 
 

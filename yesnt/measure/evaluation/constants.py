@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from yesnt.evaluation.plan import EvalPlan
+from yesnt.measure.evaluation.plan import EvalPlan
 
 Pair = tuple[float, float]
 

@@ -11,11 +11,11 @@ import numpy as np
 
 from yesnt.core.errors import UsageError
 from yesnt.io.durable import write_bytes, write_json
+from yesnt.measure.trade.choose import Point, cheapest
+from yesnt.measure.trade.harness import Lab, Spent
+from yesnt.measure.trade.plot import plot_svg
+from yesnt.measure.trade.variants import Variant, variants
 from yesnt.runtime.session import Session
-from yesnt.trade.choose import Point, cheapest
-from yesnt.trade.lab import Lab, Spent
-from yesnt.trade.plot import plot_svg
-from yesnt.trade.variants import Variant, variants
 
 Listener = Callable[[str], None]
 

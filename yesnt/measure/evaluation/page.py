@@ -8,10 +8,10 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from yesnt.evaluation.film import MATERIAL_STRIP, PLANES
-from yesnt.evaluation.pictures import MATERIAL_PANELS, PANELS
-from yesnt.evaluation.table import Table, headline, number, tables, title
 from yesnt.io.durable import write_bytes
+from yesnt.measure.evaluation.pictures import MATERIAL_PANELS, PANELS
+from yesnt.measure.evaluation.sequence_tasks import MATERIAL_STRIP, PLANES
+from yesnt.measure.evaluation.table import Table, headline, number, tables, title
 
 _STYLE = """
 body{font:15px/1.45 system-ui,sans-serif;margin:2rem auto;max-width:78rem;padding:0 1rem;color:#1b1b1b;background:#fff}

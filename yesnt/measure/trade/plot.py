@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable, Sequence
 from html import escape
 
-from yesnt.trade.choose import Point, frontier
-from yesnt.trade.variants import STAGES
+from yesnt.measure.trade.choose import Point, frontier
+from yesnt.measure.trade.variants import STAGES
 
 WIDTH, HEIGHT, LEFT, BOTTOM, TOP = 470, 300, 62, 42, 26
 LEAST_ERROR = 1e-5

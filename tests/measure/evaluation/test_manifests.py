@@ -35,7 +35,7 @@ def test_training_knows_nothing_of_the_sets_and_reads_no_picture_of_others(path)
     parts = {name.split(".")[2] for name in named if name.startswith("yesnt.stage.")}
     assert parts <= SHARED_WITH_THE_STAGE
     assert "yesnt.stage" not in named
-    elsewhere = ("yesnt.data", "yesnt.io.embedded_shot", "yesnt.evaluation", "urllib")
+    elsewhere = ("yesnt.data", "yesnt.io.embedded_shot", "yesnt.measure.evaluation", "urllib")
     assert not [name for name in named if name.startswith(elsewhere)]
     called = {
         getattr(node.func, "attr", getattr(node.func, "id", ""))

@@ -9,10 +9,10 @@ import pytest
 from tests.tiny_shot import write_tiny_shot
 from yesnt.core.errors import UsageError
 from yesnt.decompose.settings import EnsembleSettings
+from yesnt.measure.trade import TradeOptions, run_trade
+from yesnt.measure.trade import run as module
+from yesnt.measure.trade.variants import Variant, variants
 from yesnt.runtime.session import Session
-from yesnt.trade import TradeOptions, run_trade
-from yesnt.trade import run as module
-from yesnt.trade.variants import Variant, variants
 
 
 def few(steps):

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from yesnt.core.color import srgb_encode
-from yesnt.evaluation.plan import EvalPlan
-from yesnt.evaluation.rows import ROWS, Row
-from yesnt.evaluation.scene import SceneKey, open_scene
+from yesnt.measure.evaluation.plan import EvalPlan
+from yesnt.measure.evaluation.rows import ROWS, Row
+from yesnt.measure.evaluation.scene import SceneKey, open_scene
 from yesnt.metrics.image import mean_squared_error
 from yesnt.metrics.score import Truth
 from yesnt.tasks.workspace import Workspace

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from yesnt.evaluation.margins import PAPER, PAPER_FILM
+from yesnt.measure.evaluation.margins import PAPER, PAPER_FILM
 from yesnt.metrics.definitions import DEFINITIONS
 
 MAIN = (

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.core.color import srgb_encode
-from yesnt.evaluation.nets import open_nets
-from yesnt.evaluation.pictures import strip_name, write_strip
-from yesnt.evaluation.rows import EXACT_ARRAYS, ROWS, SEPARATIONS, Row
-from yesnt.evaluation.scene import SceneKey, open_scene
-from yesnt.evaluation.subjects import PROXY, Subject, TrueMaterial
 from yesnt.io.shot_inputs import file_digest
+from yesnt.measure.evaluation.nets import open_nets
+from yesnt.measure.evaluation.pictures import strip_name, write_strip
+from yesnt.measure.evaluation.rows import EXACT_ARRAYS, ROWS, SEPARATIONS, Row
+from yesnt.measure.evaluation.scene import SceneKey, open_scene
+from yesnt.measure.evaluation.subjects import PROXY, Subject, TrueMaterial
 from yesnt.metrics.image import mean_squared_error, psnr
 from yesnt.metrics.score import Truth, score, score_briefly
 from yesnt.tasks.workspace import Workspace

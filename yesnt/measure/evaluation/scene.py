@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from yesnt.core.camera import Camera
 from yesnt.core.shot import Job
-from yesnt.evaluation.rows import Row
 from yesnt.io import shot_inputs
 from yesnt.io.jobfile import frame_path, has_frame_number
 from yesnt.io.mesh import read_mesh
+from yesnt.measure.evaluation.rows import Row
 from yesnt.planning import settings as of
 from yesnt.relight import (
     EnvMap,

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.core.camera import Camera
-from yesnt.evaluation.judge import FILMED
-from yesnt.evaluation.nets import open_nets
-from yesnt.evaluation.pictures import write_materials
-from yesnt.evaluation.subjects import Subject
 from yesnt.io import shot_inputs
 from yesnt.io.jobfile import frame_path
 from yesnt.io.shot_inputs import file_digest
+from yesnt.measure.evaluation.nets import open_nets
+from yesnt.measure.evaluation.pictures import write_materials
+from yesnt.measure.evaluation.scorer import FILMED
+from yesnt.measure.evaluation.subjects import Subject
 from yesnt.metrics.definitions import Metric, named
 from yesnt.metrics.image import psnr
 from yesnt.metrics.material import measure_material, sparsification

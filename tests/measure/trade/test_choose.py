@@ -6,8 +6,8 @@ import xml.etree.ElementTree as ElementTree
 
 import pytest
 
-from yesnt.trade.choose import Point, cheapest, combinations, frontier
-from yesnt.trade.plot import plot_svg
+from yesnt.measure.trade.choose import Point, cheapest, combinations, frontier
+from yesnt.measure.trade.plot import plot_svg
 
 POINTS = [
     Point("decompose", "fast", 1.0, 0.04),

@@ -1,0 +1,1 @@
+"""Measures the product: evaluation against truth, and the trade of speed for accuracy."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from yesnt.capture_stage.jobs import stage_jobs
 from yesnt.planning.graph import Graph, Node
-from yesnt.stage.jobs import stage_jobs
 
 BUILDS_ON = {"reference": "objects"}
 """The reference row relights the proxy meshes that the objects set leaves."""

@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from yesnt.capture_stage.tools import anny_only
 from yesnt.decompose.embedded import EmbeddedBackend
 from yesnt.decompose.ensemble import estimate_frame
 from yesnt.decompose.settings import EnsembleSettings
 from yesnt.decompose.weights import SHIPPED
-from yesnt.stage.tools import anny_only
 from yesnt.training.bodies import make_bodies
 from yesnt.training.pictures import everybody, make_person, make_thing, open_views, person_path, thing_path
 from yesnt.training.synthetic.materials import CLASSES

@@ -11,7 +11,7 @@ import json
 from collections import defaultdict
 from pathlib import Path
 
-from yesnt.stage.jobs import SETS, stage_jobs
+from yesnt.capture_stage.jobs import SETS, stage_jobs
 
 
 def main():

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from yesnt.stage.pose import Body
+from yesnt.capture_stage.pose import Body
 
 _AROUND = 8
 

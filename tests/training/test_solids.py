@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from yesnt.stage.shapes import drape, knot, vase
+from yesnt.capture_stage.shapes import drape, knot, vase
 from yesnt.training.pictures import THING_VIEWS, make_thing, open_views, thing_path
 from yesnt.training.solids import SOLIDS, _frames, _volume, block, drapery, tube, vessel
 from yesnt.training.synthetic.materials import CLASSES

@@ -15,11 +15,11 @@ def drive_stage(sets: list[str], out: Path, cache: Path, small: bool, workers: i
         UsageError: an unknown set.
         MissingPartError: Blender or anny is absent.
     """
+    from yesnt.capture_stage.jobs import SETS
+    from yesnt.capture_stage.tools import find_tools
     from yesnt.cli.progress import BarProgress, LineProgress
     from yesnt.runtime.capture_stage_run import StageContext, run_stage
     from yesnt.runtime.cluster import ClusterSpec
-    from yesnt.stage.jobs import SETS
-    from yesnt.stage.tools import find_tools
 
     unknown = sorted(set(sets) - set(SETS))
     if unknown:

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from yesnt.capture_stage.jobs import RenderJob
+from yesnt.capture_stage.render import find_receipt, render
+from yesnt.capture_stage.tools import Tools
 from yesnt.io.records import Record, RecordBook
 from yesnt.planning.graph import Node
 from yesnt.runtime.cluster import ClusterSpec, open_cluster
 from yesnt.runtime.driver import Driver, DriverSettings, Outcome
-from yesnt.stage.jobs import RenderJob
-from yesnt.stage.render import find_receipt, render
-from yesnt.stage.tools import Tools
 from yesnt.tasks.workspace import peak_bytes
 from yesnt.workflows.stage import stage_graph
 

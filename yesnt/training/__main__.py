@@ -10,9 +10,9 @@ from pathlib import Path
 
 import torch
 
+from yesnt.capture_stage.tools import anny_only
 from yesnt.decompose.network import Network, NetworkShape
 from yesnt.decompose.weights import load_weights
-from yesnt.stage.tools import anny_only
 from yesnt.training.bodies import make_bodies
 from yesnt.training.opinion import OpinionSettings, make_opinion
 from yesnt.training.pictures import everybody, make_person, make_thing

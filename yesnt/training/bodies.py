@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from yesnt.stage.pose import Array, Body, arm, fist, leg, turn
-from yesnt.stage.tools import Tools, run_anny
+from yesnt.capture_stage.pose import Array, Body, arm, fist, leg, turn
+from yesnt.capture_stage.tools import Tools, run_anny
 
 PHENOTYPE = ("gender", "age", "muscle", "weight", "height", "proportions")
 BODIES = 24

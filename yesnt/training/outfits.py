@@ -1,6 +1,6 @@
 """Draws what a training person wears: garments by place, each painted with a material of a likely class.
 
-Places are fields of `yesnt.stage.wardrobe`; nothing here is an outfit of the stage's subjects.
+Places are fields of `yesnt.capture_stage.wardrobe`; nothing here is an outfit of the stage's subjects.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.stage.paint import Between, Coat, Layer
+from yesnt.capture_stage.paint import Between, Coat, Layer
 from yesnt.training.synthetic.materials import EVERYDAY, MATERIAL, Habits, draw_class, paint
 
 Classes = tuple[str, ...]

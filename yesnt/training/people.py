@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from yesnt.capture_stage.cameras import look_at
+from yesnt.capture_stage.paint import vertex_normals
+from yesnt.capture_stage.pose import Body, skin
+from yesnt.capture_stage.wardrobe import Dressed, dress
 from yesnt.core.camera import Camera
-from yesnt.stage.cameras import look_at
-from yesnt.stage.paint import vertex_normals
-from yesnt.stage.pose import Body, skin
-from yesnt.stage.wardrobe import Dressed, dress
 from yesnt.training.bodies import draw_pose
 from yesnt.training.outfits import Outfit, draw_outfit
 from yesnt.training.photo import Subject, View, shoot

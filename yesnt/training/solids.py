@@ -1,6 +1,6 @@
 """Surfaces drawn at random for training: turned vessels, tubes along a curve, handheld devices, draped cloth.
 
-Every curve and profile is a random series, so that none is a shape of the stage (`yesnt.stage.shapes`).
+Every curve and profile is a random series, so that none is a shape of the stage (`yesnt.capture_stage.shapes`).
 """
 
 from __future__ import annotations

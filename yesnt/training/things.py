@@ -8,9 +8,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from yesnt.capture_stage.cameras import look_at
+from yesnt.capture_stage.paint import vertex_normals
 from yesnt.core.camera import Camera
-from yesnt.stage.cameras import look_at
-from yesnt.stage.paint import vertex_normals
 from yesnt.training.photo import Subject, View, shoot
 from yesnt.training.solids import SOLIDS, Builder, Solid, device, drapery, tube, vessel
 from yesnt.training.synthetic.materials import MATERIAL, Habits, draw_class, paint

@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 import yesnt
-from yesnt.stage import outfits
-from yesnt.stage.assets import MANIFEST
-from yesnt.stage.jobs import SETS
-from yesnt.stage.subjects import SUBJECTS, Human
+from yesnt.capture_stage import garments
+from yesnt.capture_stage.assets import MANIFEST
+from yesnt.capture_stage.jobs import SETS
+from yesnt.capture_stage.subjects import SUBJECTS, Human
 from yesnt.training.bodies import BODIES, draw_phenotype
 
 PACKAGE = Path(yesnt.__file__).parent
@@ -32,9 +32,9 @@ def imports(tree):
 def test_training_knows_nothing_of_the_sets_and_reads_no_picture_of_others(path):
     tree = ast.parse(path.read_text())
     named = list(imports(tree))
-    parts = {name.split(".")[2] for name in named if name.startswith("yesnt.stage.")}
+    parts = {name.split(".")[2] for name in named if name.startswith("yesnt.capture_stage.")}
     assert parts <= SHARED_WITH_THE_STAGE
-    assert "yesnt.stage" not in named
+    assert "yesnt.capture_stage" not in named
     elsewhere = ("yesnt.data", "yesnt.io.embedded_shot", "yesnt.measure.evaluation", "urllib")
     assert not [name for name in named if name.startswith(elsewhere)]
     called = {

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from yesnt.stage.subjects import SUBJECTS, Human
+from yesnt.capture_stage.subjects import SUBJECTS, Human
 
 DRAWN = 300
 BODY = {"skin", "lips", "eyes", "hair"}

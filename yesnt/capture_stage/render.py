@@ -12,16 +12,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from yesnt.capture_stage import develop
+from yesnt.capture_stage.jobs import CAPTURE, SETS, RenderJob
+from yesnt.capture_stage.maps import map_path
+from yesnt.capture_stage.reference import projected
+from yesnt.capture_stage.shotfiles import shot_folder, write_static_files
+from yesnt.capture_stage.subjects import prepare
+from yesnt.capture_stage.tools import Tools, run_blender
 from yesnt.core.errors import CorruptError
 from yesnt.io.durable import write_bytes, write_json
 from yesnt.io.exr import write_exr
-from yesnt.stage import develop
-from yesnt.stage.jobs import CAPTURE, SETS, RenderJob
-from yesnt.stage.maps import map_path
-from yesnt.stage.reference import projected
-from yesnt.stage.shotfiles import shot_folder, write_static_files
-from yesnt.stage.subjects import prepare
-from yesnt.stage.tools import Tools, run_blender
 
 PROXY_TRIANGLES = 4500
 _RECORDS = "stage"

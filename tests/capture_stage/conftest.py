@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from yesnt.capture_stage import develop
+from yesnt.capture_stage.cameras import look_at
+from yesnt.capture_stage.paint import Between, Layer, coat_to_json, fields_of
+from yesnt.capture_stage.pose import turn
+from yesnt.capture_stage.skies import directions, write_map
+from yesnt.capture_stage.tools import Tools, find_tools, run_blender
 from yesnt.core.camera import Camera
 from yesnt.core.errors import MissingPartError
-from yesnt.stage import develop
-from yesnt.stage.cameras import look_at
-from yesnt.stage.paint import Between, Layer, coat_to_json, fields_of
-from yesnt.stage.pose import turn
-from yesnt.stage.skies import directions, write_map
-from yesnt.stage.tools import Tools, find_tools, run_blender
 
 SIZE = 96
 FOCAL = 150.0

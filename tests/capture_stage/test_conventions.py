@@ -5,7 +5,7 @@ import pytest
 from scipy.ndimage import binary_erosion, map_coordinates
 from scipy.spatial import ConvexHull
 
-from yesnt.stage import develop
+from yesnt.capture_stage import develop
 
 from .conftest import cube_motion
 

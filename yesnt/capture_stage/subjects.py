@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from yesnt.capture_stage import garments, hair, motions, shape_coats, shapes, wardrobe
+from yesnt.capture_stage.assets import fetch
+from yesnt.capture_stage.paint import Coat, coat_to_json, fields_of, vertex_normals
+from yesnt.capture_stage.pose import Body, skin
+from yesnt.capture_stage.tools import Tools, run_anny
 from yesnt.io.durable import durable_path
-from yesnt.stage import coats_for_shapes, hair, motions, outfits, shapes, wardrobe
-from yesnt.stage.assets import fetch
-from yesnt.stage.paint import Coat, coat_to_json, fields_of, vertex_normals
-from yesnt.stage.pose import Body, skin
-from yesnt.stage.tools import Tools, run_anny
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""`python -m yesnt.stage SET --out DIR --cache DIR`: renders a set in this process, job after job."""
+"""`python -m yesnt.capture_stage SET --out DIR --cache DIR`: renders a set in this process, job after job."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ import argparse
 import logging
 from pathlib import Path
 
-from yesnt.stage.jobs import SETS, stage_jobs
-from yesnt.stage.render import render
-from yesnt.stage.tools import find_tools
+from yesnt.capture_stage.jobs import SETS, stage_jobs
+from yesnt.capture_stage.render import render
+from yesnt.capture_stage.tools import find_tools
 
-_LOG = logging.getLogger("yesnt.stage")
+_LOG = logging.getLogger("yesnt.capture_stage")
 
 
 def main() -> None:
     """Parses, renders what is missing, logs one line a job."""
-    parser = argparse.ArgumentParser(prog="python -m yesnt.stage", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m yesnt.capture_stage", description=__doc__)
     parser.add_argument("set_names", nargs="+", choices=sorted(SETS))
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--cache", type=Path, required=True)

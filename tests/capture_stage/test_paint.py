@@ -3,11 +3,11 @@ import json
 import numpy as np
 import pytest
 
-from yesnt.stage import coats_for_shapes, outfits, shapes
-from yesnt.stage.paint import Between, Layer, coat_to_json, coverage, fields_of, lift, vertex_normals
+from yesnt.capture_stage import garments, shape_coats, shapes
+from yesnt.capture_stage.paint import Between, Layer, coat_to_json, coverage, fields_of, lift, vertex_normals
 
-COATS = [outfits.explorer, outfits.athlete, outfits.performer, outfits.courtier]
-PAINTS = [coats_for_shapes.worn_metal, coats_for_shapes.glaze, coats_for_shapes.brocade]
+COATS = [garments.explorer, garments.athlete, garments.performer, garments.courtier]
+PAINTS = [shape_coats.worn_metal, shape_coats.glaze, shape_coats.brocade]
 
 
 def _layer(thickness: float, *where: Between) -> Layer:
@@ -43,8 +43,8 @@ def test_the_stage_spreads_over_roughness_and_metallic():
 
 
 @pytest.mark.parametrize(("build", "make"), [
-    (shapes.knot, coats_for_shapes.worn_metal), (shapes.vase, coats_for_shapes.glaze),
-    (shapes.drape, coats_for_shapes.brocade),
+    (shapes.knot, shape_coats.worn_metal), (shapes.vase, shape_coats.glaze),
+    (shapes.drape, shape_coats.brocade),
 ])  # fmt: skip
 def test_shapes_stand_on_the_ground_and_have_the_fields_that_their_coat_asks_for(build, make):
     vertices, faces, fields = build()

@@ -1,7 +1,7 @@
 import numpy as np
 
+from yesnt.capture_stage.skies import OWN_MAPS, SUN_DIRECTION, directions, reduce_by_two, write_map
 from yesnt.io.exr import read_image
-from yesnt.stage.skies import OWN_MAPS, SUN_DIRECTION, directions, reduce_by_two, write_map
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 

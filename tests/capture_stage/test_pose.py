@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from yesnt.stage import motions
-from yesnt.stage.pose import Body, arm, forward_kinematics, leg, skin, turn
+from yesnt.capture_stage import motions
+from yesnt.capture_stage.pose import Body, arm, forward_kinematics, leg, skin, turn
 
 
 @pytest.fixture

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from yesnt.stage.paint import Between, Coat, Layer
+from yesnt.capture_stage.paint import Between, Coat, Layer
 
 
 def worn_metal() -> Coat:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from yesnt.capture_stage.jobs import CAPTURE, SETS, RenderJob
+from yesnt.capture_stage.maps import map_path
+from yesnt.capture_stage.tools import Tools
 from yesnt.io.durable import write_bytes, write_json
-from yesnt.stage.jobs import CAPTURE, SETS, RenderJob
-from yesnt.stage.maps import map_path
-from yesnt.stage.tools import Tools
 
 
 def shot_folder(job: RenderJob, out_dir: Path) -> Path:

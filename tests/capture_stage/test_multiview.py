@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from yesnt.capture_stage.jobs import stage_jobs
+from yesnt.capture_stage.render import render
 from yesnt.core.camera import Camera
 from yesnt.core.errors import MissingPartError
 from yesnt.io.exr import read_image
-from yesnt.stage.jobs import stage_jobs
-from yesnt.stage.render import render
 
 pytestmark = pytest.mark.blender
 

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
+from yesnt.capture_stage import develop
+from yesnt.capture_stage.package import round_mantissa
 from yesnt.core.errors import CorruptError
-from yesnt.stage import develop
-from yesnt.stage.package import round_mantissa
 
 
 @pytest.fixture

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from yesnt.stage.paint import Between, Coat, Color, Layer
+from yesnt.capture_stage.paint import Between, Coat, Color, Layer
 
 FRONT = 10.0  # metres: "anything in front of"
 _TRUNK = Between("arms", high=0.5)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.stage.paint import Coat, lift, vertex_normals
-from yesnt.stage.pose import Body
+from yesnt.capture_stage.paint import Coat, lift, vertex_normals
+from yesnt.capture_stage.pose import Body
 
 _FACE_BONES = ("head", "jaw", "special", "oris", "levator", "temporalis", "oculi", "orbicularis", "risorius", "tongue")
 

@@ -6,12 +6,12 @@ import sys
 import numpy as np
 import pytest
 
+from yesnt.capture_stage.assets import MANIFEST
+from yesnt.capture_stage.cameras import look_at
+from yesnt.capture_stage.jobs import CAPTURE, SETS, RenderJob, stage_jobs
+from yesnt.capture_stage.subjects import SUBJECTS, Human, Model, Shape
+from yesnt.capture_stage.tools import BLENDER_VARIABLE, find_tools
 from yesnt.core.errors import MissingPartError, UsageError
-from yesnt.stage.assets import MANIFEST
-from yesnt.stage.cameras import look_at
-from yesnt.stage.jobs import CAPTURE, SETS, RenderJob, stage_jobs
-from yesnt.stage.subjects import SUBJECTS, Human, Model, Shape
-from yesnt.stage.tools import BLENDER_VARIABLE, find_tools
 
 
 def test_objects_are_ten_by_eleven():
@@ -69,7 +69,7 @@ def test_a_key_changes_with_what_decides_the_pixels():
 
 
 def test_keys_are_the_same_in_another_process():
-    code = "from yesnt.stage.jobs import stage_jobs; print(stage_jobs('sequences')[3].key)"
+    code = "from yesnt.capture_stage.jobs import stage_jobs; print(stage_jobs('sequences')[3].key)"
     other = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert other.stdout.strip() == stage_jobs("sequences")[3].key
 

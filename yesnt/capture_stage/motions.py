@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from yesnt.stage.pose import Array, Body, arm, fist, leg, turn
+from yesnt.capture_stage.pose import Array, Body, arm, fist, leg, turn
 
 Motion = Callable[[Body, float], dict[str, Array]]
 

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
+from yesnt.capture_stage.jobs import RenderJob
 from yesnt.core.color import straighten
 from yesnt.core.errors import JobError
 from yesnt.io.exr import read_image, write_exr
-from yesnt.stage.jobs import RenderJob
 
 ROUGHNESS = 0.5
 """Of the proxy: nothing is known, so Blender's own default."""

@@ -5,15 +5,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from yesnt.capture_stage.jobs import stage_jobs
+from yesnt.capture_stage.reference import fill_outwards
+from yesnt.capture_stage.render import find_receipt, render
+from yesnt.capture_stage.shotfiles import shot_folder
+from yesnt.capture_stage.tools import Tools, run_anny
 from yesnt.core.camera import Camera
 from yesnt.core.errors import JobError, MissingPartError, YesntError
 from yesnt.io.exr import read_image
 from yesnt.io.jobfile import load_shot
-from yesnt.stage.jobs import stage_jobs
-from yesnt.stage.reference import fill_outwards
-from yesnt.stage.render import find_receipt, render
-from yesnt.stage.shotfiles import shot_folder
-from yesnt.stage.tools import Tools, run_anny
 
 PER_JOB = 1 + 1 + 3  # geometry, proxy, three lights
 

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from yesnt.capture_stage.assets import MANIFEST, fetch
+from yesnt.capture_stage.skies import OWN_MAPS, reduce_by_two, write_map
+from yesnt.capture_stage.tools import Tools, blender_maps
 from yesnt.core.errors import UsageError
 from yesnt.io.durable import durable_path
 from yesnt.io.exr import read_image
-from yesnt.stage.assets import MANIFEST, fetch
-from yesnt.stage.skies import OWN_MAPS, reduce_by_two, write_map
-from yesnt.stage.tools import Tools, blender_maps
 
 _RENAMED = {"photo_studio": "studio"}
 """Blender calls its own `studio`; that name is taken by the project's map."""
@@ -41,7 +41,9 @@ def _radiance(name: str, tools: Tools) -> NDArray[np.float32]:
         return _clean(_read_embedded(fetch(f"hdri-{name}", Path(tools.cache)), Path(tools.cache)))
     source = blender_maps(tools) / f"{_RENAMED.get(name, name)}.exr"
     if not source.exists():
-        raise UsageError(f"There is no map {name!r}", str(source), "a map of the stage", "name one of yesnt.stage.jobs")
+        raise UsageError(
+            f"There is no map {name!r}", str(source), "a map of the stage", "name one of yesnt.capture_stage.jobs"
+        )
     return _clean(read_image(source).stack("RGB"))
 
 

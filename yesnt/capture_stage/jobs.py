@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from yesnt.capture_stage.cameras import Matrix, look_at
+from yesnt.capture_stage.subjects import SUBJECTS, describe
 from yesnt.core.errors import UsageError
-from yesnt.stage.cameras import Matrix, look_at
-from yesnt.stage.subjects import SUBJECTS, describe
 
 STAGE_VERSION = 1
 """Raised when the code renders something else for the same description; enters every key."""

@@ -4,7 +4,7 @@ import pytest
 from tests.training.puppet import puppet
 from yesnt.capture_stage.garments import athlete, courtier, explorer, performer
 from yesnt.training.bodies import PHENOTYPE, draw_phenotype, draw_pose
-from yesnt.training.outfits import draw_outfit
+from yesnt.training.garments import draw_outfit
 from yesnt.training.people import HEIGHT, WIDTH, draw_person, photograph
 from yesnt.training.pictures import (
     PEOPLE,

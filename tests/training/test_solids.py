@@ -3,9 +3,9 @@ import pytest
 
 from yesnt.capture_stage.shapes import drape, knot, vase
 from yesnt.training.pictures import THING_VIEWS, make_thing, open_views, thing_path
+from yesnt.training.procedural_objects import SIDE, draw_thing, photograph_thing
 from yesnt.training.solids import SOLIDS, _frames, _volume, block, drapery, tube, vessel
 from yesnt.training.synthetic.materials import CLASSES
-from yesnt.training.things import SIDE, draw_thing, photograph_thing
 
 BUILDERS = sorted({*SOLIDS, block}, key=lambda build: build.__name__)
 

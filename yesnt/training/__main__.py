@@ -13,12 +13,12 @@ import torch
 from yesnt.capture_stage.tools import anny_only
 from yesnt.decompose.network import Network, NetworkShape
 from yesnt.decompose.weights import load_weights
+from yesnt.training.auxiliary import OpinionSettings, make_opinion
 from yesnt.training.bodies import make_bodies
-from yesnt.training.opinion import OpinionSettings, make_opinion
+from yesnt.training.feature_archive import subjects
 from yesnt.training.pictures import everybody, make_person, make_thing
-from yesnt.training.surveys import subjects
 from yesnt.training.trainer import Trainer, TrainingSettings, train
-from yesnt.training.weighing import Weigher, WeighingSettings, weigh, with_opinion
+from yesnt.training.weighting import Weigher, WeighingSettings, weigh, with_opinion
 
 log = logging.getLogger("yesnt.train")
 

@@ -15,7 +15,7 @@ from yesnt.capture_stage.pose import Body, skin
 from yesnt.capture_stage.wardrobe import Dressed, dress
 from yesnt.core.camera import Camera
 from yesnt.training.bodies import draw_pose
-from yesnt.training.outfits import Outfit, draw_outfit
+from yesnt.training.garments import Outfit, draw_outfit
 from yesnt.training.photo import Subject, View, shoot
 from yesnt.training.synthetic.materials import EVERYDAY, Habits
 from yesnt.training.synthetic.render import Rendering

@@ -10,9 +10,9 @@ import numpy as np
 
 from yesnt.io.durable import durable_path
 from yesnt.training.people import draw_person, open_body, photograph
+from yesnt.training.procedural_objects import draw_thing, photograph_thing
 from yesnt.training.synthetic.materials import EVERYDAY, Habits
 from yesnt.training.synthetic.render import Rendering
-from yesnt.training.things import draw_thing, photograph_thing
 
 WARDROBES = ((400, EVERYDAY), (150, Habits(bold=0.6)), (250, Habits(bold=0.3, toned=0.5)))
 """How many people have which habits, in the order of their numbers; everyday hardly shows a print or a beige shirt."""

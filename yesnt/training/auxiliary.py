@@ -15,9 +15,9 @@ from torch import nn
 
 from yesnt.decompose.auxiliary import Opinion
 from yesnt.decompose.trunk import TOLD_CHANNELS, Trunk
+from yesnt.training.feature_archive import Places, describe_all, open_places
 from yesnt.training.losses import whole_loss
 from yesnt.training.published_trunk import published_trunk
-from yesnt.training.surveys import Places, describe_all, open_places
 from yesnt.training.synthetic.materials import CLASSES, importance
 from yesnt.training.trainer import course
 

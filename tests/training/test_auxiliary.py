@@ -14,13 +14,13 @@ from yesnt.decompose.network import Network, NetworkShape
 from yesnt.decompose.trunk import Trunk
 from yesnt.decompose.weights import load_weights, save_weights
 from yesnt.training import __main__ as command
-from yesnt.training import opinion as training
+from yesnt.training import auxiliary as training
 from yesnt.training import published_trunk as published
-from yesnt.training.opinion import OpinionSettings, errors, make_opinion, train_perceptron
+from yesnt.training.auxiliary import OpinionSettings, errors, make_opinion, train_perceptron
+from yesnt.training.feature_archive import PLACES, Places, describe, draw_survey, open_places, subjects
 from yesnt.training.pictures import make_thing, thing_path
-from yesnt.training.surveys import PLACES, Places, describe, draw_survey, open_places, subjects
 from yesnt.training.synthetic.dataset import draw_picture
-from yesnt.training.weighing import Weigher, WeighingSettings, weigh, with_opinion
+from yesnt.training.weighting import Weigher, WeighingSettings, weigh, with_opinion
 
 TINY = NetworkShape(widths=(8, 8, 16), depths=(1, 1, 1), condition=8, denoiser=(8, 8))
 QUICK = OpinionSettings(widths=(16, 8), steps=300, batch=64, rate=1e-2, dropout=0.0)

@@ -123,7 +123,7 @@ def test_doctor_finds_this_machine_fit() -> None:
 def test_without_blender_the_stage_says_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("YESNT_BLENDER", raising=False)
     monkeypatch.setenv("PATH", str(tmp_path))
-    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent.parent))
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
     monkeypatch.chdir(tmp_path)
     done = yesnt("stage", "objects", "--small")
     assert done.returncode == 1

@@ -70,7 +70,7 @@ def test_fine_texels_that_plan_leaves_out_are_not_read():
 def test_constant_roughness_filters_one_level_for_metal_in_metal(monkeypatch):
     gbuffer, cam, proxy = floor_and_block()
     filtered, plain = [], indirect._filtered
-    monkeypatch.setattr(glow, "_filtered", lambda light, level: (filtered.append(level), plain(light, level))[1])
+    monkeypatch.setattr(indirect, "_filtered", lambda light, level: (filtered.append(level), plain(light, level))[1])
     for metallic, levels in ((0.0, set()), (1.0, {LEVELS.index(0.25)})):
         filtered.clear()
         gbuffer.metallic[:], gbuffer.roughness[:] = metallic, 0.3

@@ -40,7 +40,7 @@ class Human:
 
     def coat_layers(self) -> Coat:
         """What it wears."""
-        layers: Coat = getattr(outfits, self.coat)()
+        layers: Coat = getattr(garments, self.coat)()
         return layers
 
 
@@ -68,7 +68,7 @@ class Shape:
 
     def coat_layers(self) -> Coat:
         """What it is painted with."""
-        layers: Coat = getattr(coats_for_shapes, self.coat)()
+        layers: Coat = getattr(shape_coats, self.coat)()
         return layers
 
 

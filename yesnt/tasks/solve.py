@@ -249,7 +249,7 @@ class Links:
 
 
 def _inconsistent(space: Workspace, frame: int) -> bool:
-    """Whether a frame lost its say as a whole (trust_task.py)."""
+    """Whether a frame lost its say as a whole (tasks/confidence.py)."""
     record = space.book.find("trust", frame)
     return record is not None and frame in record.facts.get("inconsistent", [])
 

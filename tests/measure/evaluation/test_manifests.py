@@ -60,5 +60,5 @@ def test_nothing_of_the_stage_is_named_where_training_pictures_are_made():
     assert TRAINING
     named = [asset.member for asset in MANIFEST.values()] + [asset.sha256 for asset in MANIFEST.values()]
     named += [subject for stage_set in SETS.values() for subject in stage_set.subjects if "_" in subject]
-    named += [name for name in vars(outfits) if name.islower() and not name.startswith("_") and name != "annotations"]
+    named += [name for name in vars(garments) if name.islower() and not name.startswith("_") and name != "annotations"]
     assert not [name for name in named if name in source]

@@ -11,44 +11,21 @@ ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "yesnt"
 
 LAYERS = (
-    ("errors", "faults", "channels", "shot", "color", "camera", "blocks", "noise"),
-    ("temporal", "relight", "decompose", "metrics", "composite"),
-    ("io", "stage", "training", "embedded"),
-    (
-        "graph",
-        "settings",
-        "chunks",
-        "exchange",
-        "stages",
-        "workspace",
-        "light_task",
-        "decompose_task",
-        "solve_task",
-        "joint_task",
-        "trust_task",
-        "tasks",
-    ),
+    ("core",),
+    ("temporal", "relight", "decompose", "scene", "metrics"),
+    ("io", "capture_stage", "training"),
+    ("planning", "tasks"),
     ("workflows",),
-    (
-        "cluster",
-        "driver",
-        "preflight",
-        "session",
-        "audit",
-        "forecast",
-        "evaluations",
-        "doctor",
-        "staging",
-        "evaluation",
-    ),
-    ("report", "trade", "cli", "__main__"),
+    ("runtime", "inspect"),
+    ("measure",),
+    ("report", "cli", "__main__"),
 )
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
 FORBIDDEN_IN_KERNELS = {"dask", "distributed", "zarr", "OpenImageIO", "OpenEXR"}
 
 GRANTED = {
     ("relight", "io"),  # EnvMap.open, which contract.md wants as a constructor
-    ("tasks", "cluster"),  # a task pins its own threads
+    ("tasks", "runtime"),  # a task pins its own threads
 }
 """Upward imports that are there on purpose."""
 

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from tests.evaluation.conftest import rgb, write_shot
+from tests.measure.evaluation.conftest import rgb, write_shot
 
 from yesnt.core.errors import UsageError
 from yesnt.io.exr import read_image, write_exr

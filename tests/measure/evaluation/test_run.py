@@ -5,8 +5,8 @@ import math
 
 import numpy as np
 import pytest
-from tests.measure.evaluation.conftest import rgb, write_shot
 
+from tests.measure.evaluation.conftest import rgb, write_shot
 from yesnt.core.errors import UsageError
 from yesnt.io.exr import read_image, write_exr
 from yesnt.measure.evaluation.rows import ROWS

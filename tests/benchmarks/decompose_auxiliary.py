@@ -1,6 +1,6 @@
 """The embedded model on shots with truth: errors against the share of trust, metal, and what the spread is worth.
 
-python tests/benchmarks/decompose_opinion.py FOLDER... [--weights FILE] [--samples 8] [--picture OUT.png]
+python tests/benchmarks/decompose_auxiliary.py FOLDER... [--weights FILE] [--samples 8] [--picture OUT.png]
 
 Each FOLDER holds plate.####.exr and truth/material.####.exr; its middle frame is judged, opacity above 0.99. Columns:
 the error of what is expected of roughness (before any draw) for every share of `embedded.TRUST`, and of the best

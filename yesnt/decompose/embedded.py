@@ -22,7 +22,7 @@ TRUST = 0.9
 """How far the expected roughness may leave the prior's mean, as a share of how far reader and second opinion would go.
 
 Real shots are another world than the training's pictures: there they go too far. Chosen so that both the embedded shot
-and the stage's objects gain (`tests/benchmarks/decompose_opinion.py`); metal is told well enough to be left alone.
+and the stage's objects gain (`tests/benchmarks/decompose_auxiliary.py`); metal is told well enough to be left alone.
 """
 
 

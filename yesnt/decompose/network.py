@@ -247,7 +247,7 @@ class Reader(nn.Module):
 class Denoiser(nn.Module):
     """One step: noisy materials, smooth noise and condition to a draw of clean materials.
 
-    It is trained with a proper scoring rule (see `training.py`), hence its output is a sample of p(x0 | x_t, picture),
+    It is trained with a proper scoring rule (see `training/losses.py`), hence its output is a sample of p(x0 | x_t, picture),
     not the mean: the smooth noise planes are what makes draws differ.
     """
 

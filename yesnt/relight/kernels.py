@@ -2,7 +2,7 @@
 
 A pixel first chooses what it sums: nothing of clusters below its horizon, one direction for clusters that are hidden
 (they glow with what bounces), and of all others texels of a size that its lobe can bear. Short runs of these are copied
-into a scratch that stays in the cache, whose loops have no branch (choice.py). Irradiance needs no texels but at the
+into a scratch that stays in the cache, whose loops have no branch (texel_lod.py). Irradiance needs no texels but at the
 horizon of a map that has few clusters or whose every cell is a texel (irradiance.py).
 
 Every lobe is linear in what later multiplies it, so one pass serves both relighting and the removal of capture light.

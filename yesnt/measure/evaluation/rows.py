@@ -56,7 +56,7 @@ class Row:
 
 
 def _ladder() -> tuple[Row, ...]:
-    """Method.md section 5, each step with true and with own materials; the last step is Full itself."""
+    """The terms of method.md section 5 one by one, with true and with own materials; the last step is Full itself."""
     steps: tuple[tuple[str, str, str, Mapping[str, Any], bool], ...] = (
         ("paper", "The paper's scheme", "base colour = plate, plain BRDF, one shadow factor marched through z",
          {**PAPER, "shadows": "single"}, False),

@@ -247,8 +247,8 @@ class Reader(nn.Module):
 class Denoiser(nn.Module):
     """One step: noisy materials, smooth noise and condition to a draw of clean materials.
 
-    It is trained with a proper scoring rule (see `training/losses.py`), hence its output is a sample of p(x0 | x_t, picture),
-    not the mean: the smooth noise planes are what makes draws differ.
+    It is trained with a proper scoring rule (`training/losses.py`), hence its output is a sample of
+    p(x0 | x_t, picture), not the mean. The smooth noise planes make draws differ.
     """
 
     def __init__(self, shape: NetworkShape) -> None:

@@ -35,10 +35,12 @@ class FrameInputs:
     Attributes:
         plate: [H, W, 3] straight (un-premultiplied) scene-linear Rec.709.
         surface: normal, z, opacity, roughness, metallic and the camera.
+        base_color: known base colour [H, W, 3]; None: the capture light is divided out of the plate.
     """
 
     plate: NDArray[np.floating]
     surface: Surface
+    base_color: NDArray[np.floating] | None = None
 
 
 @dataclass(frozen=True)
@@ -82,19 +84,27 @@ def _grid(settings: RelightSettings) -> dict[str, Any]:
 def relight_frame(
     inputs: FrameInputs,
     light: PreparedLight,
-    capture: PreparedLight,
+    capture: PreparedLight | None,
     proxy: ProxyScene | None,
     settings: RelightSettings,
 ) -> RelitFrame:
     """Takes `capture` out of the plate and lights the frame with `light`.
 
     Pure and deterministic: the result depends on nothing but the arguments, to the bit, for any number of threads.
+
+    Raises:
+        ValueError: `capture` is None although the base colour is not given.
     """
     pixels = gather_pixels(inputs.surface)
     occluders = find_occluders(inputs.surface, pixels, proxy, settings)
     plate = np.asarray(inputs.plate, dtype=np.float32).reshape(-1, 3)[pixels.index]
     plate = np.clip(np.nan_to_num(plate, nan=0.0, posinf=65504.0, neginf=0.0), 0, None)
-    base = base_color(plate, pixels, occluders, capture, settings)
+    if inputs.base_color is not None:
+        base = np.asarray(inputs.base_color, dtype=np.float32).reshape(-1, 3)[pixels.index]
+    elif capture is not None:
+        base = base_color(plate, pixels, occluders, capture, settings)
+    else:
+        raise ValueError("relight_frame needs the capture light or the base colour")
     relit = shade_pixels(base, pixels, occluders, light, settings)
     return finish(relit, pixels.image(plate), inputs.surface, settings)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numba import njit
@@ -38,7 +38,7 @@ class ProxyScene:
     faces: I32
 
     @classmethod
-    def from_arrays(cls, vertices: ArrayLike, faces: ArrayLike) -> ProxyScene:
+    def from_arrays(cls, vertices: ArrayLike, faces: ArrayLike) -> Self:
         """Checks and copies a mesh.
 
         Raises:

@@ -6,8 +6,10 @@ shot.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +18,9 @@ from yesnt.core.camera import Camera
 from yesnt.core.shot import CaptureInput, Job, LightInput
 from yesnt.io import shot_inputs
 from yesnt.io.jobfile import frame_path
-from yesnt.planning import settings as of
-from yesnt.tasks.workspace import Workspace
 
 if TYPE_CHECKING:
-    from yesnt.relight import EnvMap, PreparedLight, Surface
+    from yesnt.relight import EnvMap, PreparedLight, RelightSettings, Surface
 
 Place = tuple[float, float, float]
 MapInput = LightInput | CaptureInput
@@ -63,33 +63,64 @@ def estimated_map(job: Job) -> EnvMap:
     return estimate_capture(plates, surfaces)
 
 
-def prepared_lights(space: Workspace, surface: Surface) -> tuple[PreparedLight, PreparedLight]:
-    """The light that relights a frame and the light of its plate; maps stay in the worker."""
-    shot, settings = space.job.shot, of.relight_settings(space.job.shot)
-    parts = (("light", shot.light), ("capture", shot.capture_light))
-    light, captured = (
-        _prepared(_Known(space, spec, role), settings, role, None if spec is None else _place_of(spec, surface))
-        for role, spec in parts
-    )
-    return light, captured
+@dataclass(frozen=True)
+class LightFiles:
+    """The maps of one frame of a job, and the digests of the files that they are made from.
+
+    Attributes:
+        job: names the light and the capture light.
+        frame: frame number; selects a map where there is one per frame.
+        digests: content digests by role: "light", "capture", "probe ..." (of the frames that an estimate reads).
+            Prepared lights are cached by them: a map that changed on disk is never served from a worker's cache.
+    """
+
+    job: Job
+    frame: int
+    digests: Mapping[str, str]
+
+    @classmethod
+    def read(cls, job: Job, frame: int) -> LightFiles:
+        """With the digests of the files as they are now."""
+        specs: dict[str, MapInput | None] = {"light": job.shot.light, "capture": job.shot.capture_light}
+        paths = {role: frame_path(job.root, spec.path, frame) for role, spec in specs.items() if spec and spec.path}
+        if job.shot.capture_light is not None and job.shot.capture_light.estimate:
+            for probe in job.probe_frames:
+                paths[f"probe plate {probe}"] = frame_path(job.root, job.shot.plate.path, probe)
+                paths[f"probe gbuffer {probe}"] = frame_path(job.root, job.shot.gbuffer.path, probe)
+        return cls(job, frame, {role: shot_inputs.file_digest(path) for role, path in paths.items()})
 
 
-def backdrop(space: Workspace, camera: Camera) -> NDArray[np.float32]:
-    """The light's map as the camera of the node's frame sees it: [H, W, 3]."""
-    frame, spec = space.node.frames[0], space.job.shot.light
-    eye = tuple(float(v) for v in camera.position(frame))
-    env = _seen(_Known(space, spec, "light"), None if spec.captured_at is None else eye)
-    return env.lookup(camera.rays(frame))
+def prepared_lights(
+    files: LightFiles, surface: Surface, settings: RelightSettings
+) -> tuple[PreparedLight, PreparedLight]:
+    """The light that relights a frame and the light that its plate was captured under; cached in the worker."""
+    shot = files.job.shot
+    light = _prepared(_Known(files, shot.light, "light"), settings, "light", _place_of(shot.light, surface))
+    return light, captured_light(files, surface, settings)
+
+
+def captured_light(files: LightFiles, surface: Surface, settings: RelightSettings) -> PreparedLight:
+    """The light that the plate was captured under; cached in the worker."""
+    spec = files.job.shot.capture_light
+    place = None if spec is None else _place_of(spec, surface)
+    return _prepared(_Known(files, spec, "capture"), settings, "capture", place)
+
+
+def backdrop(files: LightFiles, camera: Camera) -> NDArray[np.float32]:
+    """The light's map as the camera of the frame sees it: [H, W, 3]."""
+    spec = files.job.shot.light
+    eye = tuple(float(v) for v in camera.position(files.frame))
+    env = _seen(_Known(files, spec, "light"), None if spec.captured_at is None else eye)
+    return env.lookup(camera.rays(files.frame))
 
 
 class _Known:
-    """A map of a node, known by its spec and the digests of the files that make it."""
+    """A map, known by its spec and the digests of the files that make it."""
 
-    def __init__(self, space: Workspace, spec: MapInput | None, role: str) -> None:
-        self.job, self.spec, self.frame = space.job, spec, space.node.frames[0]
-        inputs = space.node.fields["inputs"]
-        probes = tuple(inputs[name] for name in sorted(inputs) if name.startswith("probe "))
-        self.key = (spec, inputs.get(role), probes if isinstance(spec, CaptureInput) else ())
+    def __init__(self, files: LightFiles, spec: MapInput | None, role: str) -> None:
+        self.job, self.spec, self.frame = files.job, spec, files.frame
+        probes = tuple(digest for name, digest in sorted(files.digests.items()) if name.startswith("probe "))
+        self.key = (spec, files.digests.get(role), probes if isinstance(spec, CaptureInput) else ())
 
     def __hash__(self) -> int:
         return hash(self.key)
@@ -112,7 +143,7 @@ def _seen(known: _Known, place: tuple[float, ...] | None) -> EnvMap:
 
 
 @lru_cache(maxsize=4)
-def _prepared(known: _Known, settings: Any, role: str, place: Place | None) -> PreparedLight:
+def _prepared(known: _Known, settings: RelightSettings, role: str, place: Place | None) -> PreparedLight:
     from yesnt.relight import prepare_capture, prepare_relight
 
     prepare = prepare_capture if role == "capture" else prepare_relight

@@ -21,11 +21,10 @@ from yesnt.io.shot_inputs import file_digest
 from yesnt.planning import settings as of
 from yesnt.planning.graph import Node
 from yesnt.runtime.cluster import pin_threads
-from yesnt.tasks.light import backdrop, prepared_lights
+from yesnt.tasks.light import LightFiles, backdrop, prepared_lights
 from yesnt.tasks.workspace import Workspace, release_memory, trim_memory
 
 if TYPE_CHECKING:
-    from yesnt.io.mesh import Mesh
     from yesnt.temporal.flow import Matcher
 
 Float32 = NDArray[np.float32]
@@ -113,18 +112,19 @@ def solve(space: Workspace) -> None:
 
 def relight(space: Workspace) -> None:
     """One frame: capture light out, new light in."""
-    from yesnt.relight import FrameInputs, ProxyScene, Surface, relight_frame
+    from yesnt.relight import ProxyScene
+    from yesnt.tasks import relight_inputs
 
     job, frame = space.job, space.node.frames[0]
     camera = _camera(str(frame_path(job.root, job.shot.camera, 0)))
     plate, seen = space.plate(frame), space.surface(frame, camera)
-    roughness, metallic = space.read("solve", "material", frame)
-    mesh = _proxy(job, frame)
+    material, mesh = space.read("solve", "material", frame), relight_inputs.read_proxy(job, frame)
+    settings = of.relight_settings(job.shot)
     with space.kernel():
-        proxy = None if mesh is None else ProxyScene.from_arrays(mesh.vertices, mesh.faces)
-        surface = Surface(seen.normal, seen.z, plate.matte, roughness, metallic, camera, frame)
-        light, captured = prepared_lights(space, surface)
-        relit = relight_frame(FrameInputs(plate.color, surface), light, captured, proxy, of.relight_settings(job.shot))
+        proxy = relight_inputs.proxy_scene(mesh, ProxyScene)
+        inputs = relight_inputs.RelightInputs(plate, seen, camera, frame, proxy)
+        lights = prepared_lights(_light_files(space), inputs.surface(material), settings)
+        relit = relight_inputs.relight(inputs, material, lights, settings)
     space.commit(
         frame,
         {
@@ -147,7 +147,7 @@ def composite(space: Workspace) -> None:
     background = shot_inputs.read_background(job, frame)
     with space.kernel():
         if background is None:
-            background = backdrop(space, camera)
+            background = backdrop(_light_files(space), camera)
         relit = associate((diffuse + specular).transpose(1, 2, 0), plate.matte)
         planes = {
             "composite": over(relit, background).transpose(2, 0, 1),
@@ -212,13 +212,9 @@ def _exr_attributes(space: Workspace) -> dict[str, Any]:
     }
 
 
-def _proxy(job: Job, frame: int) -> Mesh | None:
-    """The proxy mesh of a frame, or None."""
-    if job.shot.proxy is None:
-        return None
-    from yesnt.io.mesh import read_mesh
-
-    return read_mesh(frame_path(job.root, job.shot.proxy.path, frame))
+def _light_files(space: Workspace) -> LightFiles:
+    """The node's maps, known by the digests that its key holds."""
+    return LightFiles(space.job, space.node.frames[0], space.node.fields["inputs"])
 
 
 def _matcher(job: Job, digest: str) -> Matcher:

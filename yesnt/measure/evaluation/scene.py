@@ -15,47 +15,36 @@ from numpy.typing import NDArray
 from yesnt.core.camera import Camera
 from yesnt.core.shot import Job
 from yesnt.io import shot_inputs
-from yesnt.io.jobfile import frame_path, has_frame_number
-from yesnt.io.mesh import read_mesh
+from yesnt.io.jobfile import frame_path
 from yesnt.measure.evaluation.rows import Row
 from yesnt.planning import settings as of
-from yesnt.relight import (
-    EnvMap,
-    PreparedLight,
-    ProxyScene,
-    RelightSettings,
-    Surface,
-    prepare_capture,
-    prepare_relight,
-)
-from yesnt.relight.frame import base_color, finish, shade_pixels
-from yesnt.relight.occlusion import Occluders, find_occluders
-from yesnt.relight.points import Pixels, gather_pixels
-from yesnt.tasks.light import frame_map
+from yesnt.relight import EnvMap, PreparedLight, ProxyScene, RelightSettings, prepare_relight
+from yesnt.tasks.light import LightFiles, captured_light
+from yesnt.tasks.relight_inputs import RelightInputs, proxy_scene, read_proxy, relight
 
 F32 = NDArray[np.float32]
 
 
-_REMEMBERED = 32
-"""Bundles of rays whose hits are kept: those of one frame of the stage under one map and the capture light."""
+_CACHED_QUERIES = 32
+"""Ray queries whose hits are cached: those of one frame under one map and the capture light."""
 
 
-class RememberingProxy(ProxyScene):
-    """A proxy that keeps what it was last asked: rows and candidates differ in materials, and rays do not see these."""
+class CachingProxy(ProxyScene):
+    """A proxy that caches ray hits (LRU): rows differ in materials, which hits do not depend on."""
 
     @cached_property
-    def _known(self) -> dict[bytes, NDArray[np.int32]]:
+    def _cache(self) -> dict[bytes, NDArray[np.int32]]:
         return {}
 
     def first_hits(self, origins: F32, directions: F32) -> NDArray[np.int32]:
         """As `ProxyScene.first_hits`, bit for bit."""
         key = _digest(origins, directions)
-        hits = self._known.pop(key, None)
+        hits = self._cache.pop(key, None)
         if hits is None:
             hits = super().first_hits(origins, directions)
-        self._known[key] = hits  # the latest stands last
-        if len(self._known) > _REMEMBERED:
-            del self._known[next(iter(self._known))]
+        self._cache[key] = hits  # the most recent is last
+        if len(self._cache) > _CACHED_QUERIES:
+            del self._cache[next(iter(self._cache))]
         return hits
 
 
@@ -68,12 +57,12 @@ def _digest(*arrays: NDArray[np.floating]) -> bytes:
 
 @dataclass(frozen=True)
 class Scene:
-    """What one frame brings along, whatever lights it.
+    """The inputs of one frame, whatever lights it.
 
     Attributes:
         job: of the shot.
-        frame: its number.
-        stride: pixels of which only every stride-th in both directions is shaded (for searches); 1: all.
+        frame: frame number.
+        stride: only every stride-th pixel in both directions is shaded (for searches); 1: all.
     """
 
     job: Job
@@ -81,39 +70,14 @@ class Scene:
     stride: int = 1
 
     @cached_property
-    def camera(self) -> Camera:
-        """The shot's camera."""
-        return Camera.open(frame_path(self.job.root, self.job.shot.camera, 0))
-
-    @cached_property
     def plate(self) -> shot_inputs.Plate:
         """The captured picture."""
         return shot_inputs.read_plate(self.job, self.frame)
 
-    @cached_property
+    @property
     def matte(self) -> F32:
         """Coverage [H, W] of the pixels that are shaded."""
-        chosen = np.zeros_like(self.plate.matte)
-        chosen[:: self.stride, :: self.stride] = 1
-        return self.plate.matte * chosen
-
-    @cached_property
-    def seen(self) -> shot_inputs.Surface:
-        """The G-buffer."""
-        return shot_inputs.read_surface(self.job, self.frame, self.camera)
-
-    @cached_property
-    def proxy(self) -> ProxyScene | None:
-        """The proxy mesh."""
-        if self.job.shot.proxy is None:
-            return None
-        mesh = read_mesh(frame_path(self.job.root, self.job.shot.proxy.path, self.frame))
-        return RememberingProxy.from_arrays(mesh.vertices, mesh.faces)
-
-    @property
-    def settings(self) -> RelightSettings:
-        """The shot's relighting."""
-        return of.relight_settings(self.job.shot)
+        return self._inputs.plate.matte
 
     def relit(self, row: Row, planes: F32, env: Path, true_base: F32 | None = None) -> F32:
         """Straight radiance [H, W, 3] of a row.
@@ -124,28 +88,39 @@ class Scene:
             env: file of the light, in Blender's convention.
             true_base: [H, W, 3] base colour, for rows that are given it.
         """
-        settings = dataclasses.replace(self.settings, **row.knobs)
-        surface = Surface(self.seen.normal, self.seen.z, self.matte, planes[0], planes[1], self.camera, self.frame)
-        pixels = gather_pixels(surface)
-        occluders = find_occluders(surface, pixels, self.proxy if row.proxy else None, settings)
-        if row.true_base:
-            assert true_base is not None
-            base = true_base.reshape(-1, 3)[pixels.index]
-        else:
-            base = self._base(pixels, occluders, settings, (row.proxy, _digest(planes)))
-        relit = shade_pixels(base, pixels, occluders, new_light(env, settings), settings)
-        return finish(relit, pixels.image(self._color(pixels)), surface, settings).radiance
+        settings = dataclasses.replace(of.relight_settings(self.job.shot), **row.knobs)
+        inputs = self._inputs if row.proxy else dataclasses.replace(self._inputs, proxy=None)
+        light = _new_light(env, shot_inputs.file_digest(env), settings)
+        # The light that relights has no part in the base colour, so all maps share what the first one found.
+        key = (row.proxy, _digest(planes), dataclasses.replace(settings, texels=1, clusters=1))
+        base = true_base if row.true_base else self._known_base(key)
+        captured = captured_light(self._lights, inputs.surface(planes), settings) if base is None else None
+        relit = relight(inputs, planes, (light, captured), settings, base)
+        if not row.true_base:
+            self._bases[key] = relit.base_color[self.matte > 0]
+        return relit.radiance
 
-    def _base(self, pixels: Pixels, occluders: Occluders, settings: RelightSettings, way: tuple[Any, ...]) -> F32:
-        """Base colour [P, 3] out of the plate; the light that relights has no part in it, so all maps share one."""
-        key = (*way, dataclasses.replace(settings, texels=1, clusters=1))
+    def _known_base(self, key: Any) -> F32 | None:
+        """Base colour [H, W, 3] that was found before; kept as the shaded pixels alone, to save memory."""
         if key not in self._bases:
-            captured = captured_light(self.job, self.frame, settings)
-            self._bases[key] = base_color(self._color(pixels), pixels, occluders, captured, settings)
-        return self._bases[key]
+            return None
+        base = np.zeros((*self.matte.shape, 3), np.float32)
+        base[self.matte > 0] = self._bases[key]
+        return base
 
-    def _color(self, pixels: Pixels) -> F32:
-        return self.plate.color.reshape(-1, 3)[pixels.index]
+    @cached_property
+    def _inputs(self) -> RelightInputs:
+        camera = Camera.open(frame_path(self.job.root, self.job.shot.camera, 0))
+        chosen = np.zeros_like(self.plate.matte)
+        chosen[:: self.stride, :: self.stride] = 1
+        plate = dataclasses.replace(self.plate, matte=self.plate.matte * chosen)
+        gbuffer = shot_inputs.read_surface(self.job, self.frame, camera)
+        proxy = proxy_scene(read_proxy(self.job, self.frame), CachingProxy)
+        return RelightInputs(plate, gbuffer, camera, self.frame, proxy)
+
+    @cached_property
+    def _lights(self) -> LightFiles:
+        return LightFiles.read(self.job, self.frame)
 
     @cached_property
     def _bases(self) -> dict[Any, F32]:
@@ -175,28 +150,8 @@ def open_scene(key: SceneKey) -> Scene:
     return Scene(key.job, key.frame, key.stride)
 
 
-def captured_light(job: Job, frame: int, settings: RelightSettings) -> PreparedLight:
-    """The light of the plate, as the job names it."""
-    path = job.shot.capture_light.path if job.shot.capture_light is not None else None
-    if path is not None and has_frame_number(path):
-        return _captured(_Capture((job.root, path, frame), job), frame, settings)
-    return _captured(_Capture((job.root, path), job), job.frames[0], settings)
-
-
-@dataclass(frozen=True)
-class _Capture:
-    """What a capture light is known by, and the job that tells the rest."""
-
-    known_by: tuple[str | int | None, ...]
-    job: Job = field(compare=False)
-
-
 @lru_cache(maxsize=4)
-def _captured(capture: _Capture, frame: int, settings: RelightSettings) -> PreparedLight:
-    return prepare_capture(frame_map(capture.job, capture.job.shot.capture_light, frame), settings)
-
-
-@lru_cache(maxsize=4)
-def new_light(env: Path, settings: RelightSettings) -> PreparedLight:
-    """A map of the set, as Blender had it."""
+def _new_light(env: Path, digest: str, settings: RelightSettings) -> PreparedLight:
+    """A map of the test set in Blender's convention; the file's digest is part of the cache's key."""
+    del digest
     return prepare_relight(EnvMap.from_array(shot_inputs.read_radiance(env)[0]), settings)

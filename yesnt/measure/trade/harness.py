@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -21,8 +21,10 @@ from yesnt.decompose.settings import EnsembleSettings, keyframe_after
 from yesnt.io import shot_inputs
 from yesnt.io.jobfile import frame_path
 from yesnt.planning import settings as of
+from yesnt.relight import ProxyScene, RelightSettings
 from yesnt.runtime.session import Session
-from yesnt.tasks.light import frame_map
+from yesnt.tasks.light import LightFiles, prepared_lights
+from yesnt.tasks.relight_inputs import RelightInputs, proxy_scene, read_proxy, relight
 from yesnt.temporal import FlowSettings, flow_and_validity, robust_confidence, solve
 
 Float32 = NDArray[np.float32]
@@ -122,43 +124,26 @@ class Lab:
         return value, spent
 
     def shown(self, material: Float32, quality: str) -> tuple[Float32, Spent]:
-        """The middle frame relit, display-referred [n, 3] inside the matte."""
-        from yesnt.relight import FrameInputs, Surface, relight_frame
+        """The middle frame relit, display-referred [n, 3] inside the matte.
 
+        Preparing the lights is not counted: it is done once per shot, not once per frame.
+        """
         middle, settings, spent = len(self.frames) // 2, self._relight_settings(quality), Spent()
-        job, plate, frame = self.session.job, self.plates[middle], self.frames[middle]
-        seen, camera = shot_inputs.read_surface(job, frame, self._camera), self._camera
-        light, captured = self._lights(quality)
+        job, frame, planes = self.session.job, self.frames[middle], material[:, middle]
+        gbuffer = shot_inputs.read_surface(job, frame, self._camera)
+        bare = RelightInputs(self.plates[middle], gbuffer, self._camera, frame, None)
+        lights = prepared_lights(LightFiles.read(job, frame), bare.surface(planes), settings)
         with spent.counted():
-            roughness, metallic = material[:, middle]
-            surface = Surface(seen.normal, seen.z, plate.matte, roughness, metallic, camera, frame)
-            relit = relight_frame(FrameInputs(plate.color, surface), light, captured, self._proxy(frame), settings)
-        return srgb_encode(relit.radiance)[plate.matte > 0.5].astype(np.float32), spent
+            inputs = replace(bare, proxy=proxy_scene(read_proxy(job, frame), ProxyScene))
+            relit = relight(inputs, planes, lights, settings)
+        return srgb_encode(relit.radiance)[bare.plate.matte > 0.5].astype(np.float32), spent
 
     @cached_property
     def _camera(self) -> Camera:
         return Camera.open(frame_path(self.session.job.root, self.session.job.shot.camera, 0))
 
-    def _relight_settings(self, quality: str) -> Any:
+    def _relight_settings(self, quality: str) -> RelightSettings:
         return of.relight_settings(self.session.job.shot.model_copy(update={"quality": quality}))
-
-    def _lights(self, quality: str) -> tuple[Any, Any]:
-        """The new light and the capture light, prepared; once a shot, so it is not counted to a frame."""
-        from yesnt.relight import prepare_capture, prepare_relight
-
-        job, settings = self.session.job, self._relight_settings(quality)
-        new, old = (frame_map(job, spec, job.frames[0]) for spec in (job.shot.light, job.shot.capture_light))
-        return prepare_relight(new, settings), prepare_capture(old, settings)
-
-    def _proxy(self, frame: int) -> Any:
-        from yesnt.io.mesh import read_mesh
-        from yesnt.relight import ProxyScene
-
-        job = self.session.job
-        if job.shot.proxy is None:
-            return None
-        mesh = read_mesh(frame_path(job.root, job.shot.proxy.path, frame))
-        return ProxyScene.from_arrays(mesh.vertices, mesh.faces)
 
     def _backend(self, knobs: dict[str, Any]) -> Any:
         key, shot = tuple(sorted(knobs.items())), self.session.job.shot

@@ -48,7 +48,7 @@ def solved(plates, matte, mean, std):
     flow, validity = (np.stack(parts) for parts in zip(*pairs, strict=True))
     weight, report = robust_confidence(mean, confidence(std), flow, validity, matte)
     links = bridged_links(validity, report.frames)
-    return solve(mean, weight, flow, links, EnergyParams(), matte, silent=report.frames).value, weight
+    return solve(mean, weight, flow, links, EnergyParams(), matte, inconsistent=report.frames).value, weight
 
 
 def psnr(rmse):
@@ -86,9 +86,9 @@ def oracles(name, before, after, weight, shot):
     low = errors(np.stack([plane for plane, _ in flat]), shot.truth, shot.matte)[:, 1]
     seen = np.stack([shot.matte[t] & ~shot.hidden[t] for t in shot.pairs]).astype(np.float32)
     tied = solve(before, weight, shot.flow, seen, TIED, shot.matte).value
-    loose = solve(before, weight, shot.flow, 0 * seen, EnergyParams(), shot.matte).value
+    independent = solve(before, weight, shot.flow, 0 * seen, EnergyParams(), shot.matte).value
     steady = errors(tied, shot.truth, shot.matte)
-    left, unlinked = (along(value, shot) / along(before, shot) for value in (tied, loose))
+    left, unlinked = (along(value, shot) / along(before, shot) for value in (tied, independent))
     for k, channel in enumerate(CHANNELS):
         print(
             f"{name:8s} {channel:10s}  difference could fall to: still x{still[k] / difference[k]:.3f}  blurred "

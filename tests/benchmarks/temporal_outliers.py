@@ -5,9 +5,9 @@
 A SHOT holds plate.####.exr and truth/material.####.exr. Inputs are the embedded model's predictions (kept in --work)
 and an ensemble's noise on the true materials; a tenth of the frames is replaced by an offset, the inverse, noise, or a
 shifted picture of themselves. Columns, in per cent, roughness and metallic: left as they are (plain); weighed by
-`robust_confidence` (robust); also with `bridged_links` and without the spatial term in these frames (silent), as a job
-does; their data taken out by hand (told); and, as an oracle, the sequence without these frames and a flow measured from
-the frame before to the frame after (left out).
+`robust_confidence` (robust); also with `bridged_links` and without the spatial term in these frames (inconsistent), as
+a job does; their data taken out by hand (told); and, as an oracle, the sequence without these frames and a flow
+measured from the frame before to the frame after (left out).
 """
 
 import argparse
@@ -66,8 +66,8 @@ def main():
             pairs = zip(value, truth[:, clean], strict=True)  # noqa: B023
             return np.array([np.sqrt(np.mean((v - t)[matte[clean]] ** 2)) for v, t in pairs])  # noqa: B023
 
-        def whole(mean, weight, links, silent=()):
-            found = solve(mean, weight, flow, links, PARAMS, matte, silent=silent).value  # noqa: B023
+        def whole(mean, weight, links, inconsistent=()):
+            found = solve(mean, weight, flow, links, PARAMS, matte, inconsistent=inconsistent).value  # noqa: B023
             return error(found[:, clean])  # noqa: B023
 
         given = {"predicted": predicted(folder, options.work)}
@@ -86,7 +86,7 @@ def main():
                 found = {
                     "plain": whole(broken, weight, validity),
                     "robust": whole(broken, robust, validity),
-                    "robust, silent": whole(broken, robust, bridged, report.frames),
+                    "robust, inconsistent": whole(broken, robust, bridged, report.frames),
                     "told": whole(broken, told, validity),
                     "left out": error(without),
                 }

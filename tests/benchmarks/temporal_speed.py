@@ -92,16 +92,16 @@ def note(reached, gap, value):
             reached.setdefault(level, value)
 
 
-def newton_trace(problem, minimum, trust=None):
-    """Seconds and products to the true gap; `trust=0` is reweighted least squares."""
+def newton_trace(problem, minimum, damping=None):
+    """Seconds and products to the true gap; `damping=0` is reweighted least squares."""
     started = time.process_time()
     inputs = check_inputs(*problem.arguments[:4], problem.matte)
     solver = NewtonSolver(channel_problem(inputs, 0, problem.params))
     x = solver.problem.observed.astype(np.float64)
     state, true = State(x=x, energy=solver.evaluate(x), bound=-np.inf), {}
     while min(LEVELS) not in true and state.outer < 60:
-        if trust is not None:
-            solver.trust = trust
+        if damping is not None:
+            solver.damping = damping
         solver.step(state, Limits())
         note(true, state.energy / minimum - 1, (state.inner, time.process_time() - started))
     return true
@@ -154,7 +154,7 @@ def compare(size):
     certified = certified_solves(problem)
     show("default, certified", certified)
     show("default, true gap", newton_trace(problem, minimum))
-    show("reweighted least squares, true", newton_trace(problem, minimum, trust=0.0))
+    show("reweighted least squares, true", newton_trace(problem, minimum, damping=0.0))
     show("L-BFGS, same kernels, true", lbfgs(problem, minimum))
     small = moving_pattern(4, size[1] // 2, size[2] // 2)
     small_minimum = solve(*small.arguments, tolerance=1e-6).stats.energy

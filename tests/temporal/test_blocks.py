@@ -26,7 +26,7 @@ from yesnt.temporal import (
 )
 from yesnt.temporal.blocks import decay_per_frame
 from yesnt.temporal.geometry import PackedMasks, build_geometry
-from yesnt.temporal.joint import ChangeCounter, FrameLinks, listed_frames, loose_pixels
+from yesnt.temporal.joint import ChangeCounter, FrameLinks, listed_frames, unconverged_pixels
 
 TOLERANCE = 1e-4
 
@@ -61,7 +61,7 @@ def exchange_round(problem, blocks, value):
     moved = np.where(problem.matte, np.abs(value - before), 0)
     if moved.max() <= 0.3 * TOLERANCE:
         return value, moved.max()
-    free = [loose_pixels(m > 0.3 * TOLERANCE, matte) for m, matte in zip(moved, problem.matte, strict=True)]
+    free = [unconverged_pixels(m > 0.3 * TOLERANCE, matte) for m, matte in zip(moved, problem.matte, strict=True)]
     return joint_sweep(problem, value, np.stack(free)), moved.max()
 
 
@@ -141,7 +141,7 @@ def test_the_rim_holds_every_term_that_touches_a_free_pixel(problem_drawn):
         assert part == pytest.approx(whole, rel=1e-6, abs=1e-9 * (1 + energy(one, *rest, problem.matte)))
 
 
-def test_the_threshold_of_what_is_loose_keeps_to_the_room():
+def test_the_threshold_for_unconverged_pixels_keeps_to_the_room():
     rng = np.random.default_rng(0)
     changes = (10 ** rng.uniform(-7, -1, (5, 4000))).astype(np.float32)
     count = ChangeCounter()
@@ -156,8 +156,8 @@ def test_the_threshold_of_what_is_loose_keeps_to_the_room():
 def test_a_single_pixel_that_stayed_is_freed_with_its_patch():
     moved = np.ones((9, 9), bool)
     moved[4, 4] = False
-    assert loose_pixels(moved, np.ones((9, 9), bool)).all()
-    assert not loose_pixels(np.zeros((9, 9), bool), np.ones((9, 9), bool)).any()
+    assert unconverged_pixels(moved, np.ones((9, 9), bool)).all()
+    assert not unconverged_pixels(np.zeros((9, 9), bool), np.ones((9, 9), bool)).any()
 
 
 def test_the_order_of_the_blocks_changes_no_bit(sequence):

@@ -57,7 +57,7 @@ def test_a_clean_sequence_keeps_its_confidence(sequence):
     assert np.mean(confidence[sequence.matte] < 0.9 * sequence.confidence[sequence.matte]) < 0.01
 
 
-def test_an_inconsistent_region_loses_trust_there_only(sequence):
+def test_an_inconsistent_region_loses_confidence_there_only(sequence):
     observed = sequence.observed.copy()
     observed[10, 10:26, 16:32] += 0.4
     confidence, report = robust_confidence(observed, *sequence.arguments[1:4], sequence.matte)
@@ -66,7 +66,7 @@ def test_an_inconsistent_region_loses_trust_there_only(sequence):
     inside[10, 13:23, 19:29] = True
     assert change[inside & sequence.matte].max() < 0.5
     assert np.median(change[10][sequence.matte[10] & (np.arange(40)[:, None] > 33)]) > 0.9
-    assert report.distrusted[10] > 0.1
+    assert report.downweighted[10] > 0.1
 
 
 def test_blocks_with_halo_give_the_same_confidence(sequence):
@@ -110,8 +110,8 @@ def test_sure_links_around_an_inconsistent_frame_count_twice_doubtful_ones_less(
     np.testing.assert_array_equal(links[kept], sequence.validity[kept])
 
 
-def test_bridges_couple_what_lies_beside_a_silent_frame_like_neighbours(sequence):
-    """Without noise in space or data at the silent frame, two doubled links in series are one link of full weight."""
+def test_bridges_couple_what_lies_beside_an_inconsistent_frame_like_neighbours(sequence):
+    """Without a spatial term and data at the middle frame, two doubled links in series are one link of weight 1."""
     from yesnt.temporal import EnergyParams
 
     params = EnergyParams(delta=10.0, lambda1=0.0, lambda2=1.0)
@@ -125,13 +125,13 @@ def test_bridges_couple_what_lies_beside_a_silent_frame_like_neighbours(sequence
     np.testing.assert_allclose(bridged, direct, atol=1e-4)
 
 
-def test_a_silent_frame_has_no_spatial_term_where_links_hold_it(sequence):
+def test_an_inconsistent_frame_has_no_spatial_term_where_links_hold_it(sequence):
     """Without data the total variation would flatten it, and it would pull at its neighbours."""
-    silent = sequence.confidence.copy()
-    silent[list(CORRUPTED)] = 0
-    arguments = sequence.changed(confidence=silent).arguments
+    without_data = sequence.confidence.copy()
+    without_data[list(CORRUPTED)] = 0
+    arguments = sequence.changed(confidence=without_data).arguments
     base = clean_error(sequence, solve(*sequence.arguments).value)
     flattened = clean_error(sequence, solve(*arguments).value)
-    held = clean_error(sequence, solve(*arguments, silent=CORRUPTED).value)
+    held = clean_error(sequence, solve(*arguments, inconsistent=CORRUPTED).value)
     assert held < flattened
     assert held < 1.02 * base

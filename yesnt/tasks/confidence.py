@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from yesnt.decompose.confidence import confidence
 from yesnt.tasks.solve import observed
 from yesnt.tasks.workspace import Workspace, trim_memory
-from yesnt.temporal.outliers import FrameTrust, OutlierSettings, frame_trust
+from yesnt.temporal.outliers import FrameConsistency, OutlierSettings, frame_consistency
 from yesnt.temporal.tracks import ObservedFrame
 
 Float32 = NDArray[np.float32]
@@ -26,20 +26,20 @@ def trust(space: Workspace) -> None:
     frames = space.job.frames[start:stop]
     core = set(space.node.frames)
     limit = OutlierSettings().limit
-    trusts = frame_trust(lambda t: _read(space, frames, t), len(frames))
+    consistencies = frame_consistency(lambda t: _read(space, frames, t), len(frames))
     for frame in frames:
         with space.kernel():  # it reads frames as it goes; those are not counted
-            found = next(trusts)
+            found = next(consistencies)
         if frame in core and frame in pending:
             _commit(space, frame, found, limit)
 
 
-def _commit(space: Workspace, frame: int, found: FrameTrust, limit: float) -> None:
+def _commit(space: Workspace, frame: int, found: FrameConsistency, limit: float) -> None:
     with space.kernel():
         values = _ensemble_confidence(space, frame) * found.weight
     facts = {
         "inconsistent": [frame] if found.ratio > limit else [],
-        "ratio": found.ratio, "distrusted": found.distrusted,
+        "ratio": found.ratio, "downweighted": found.downweighted,
     }  # fmt: skip
     space.commit(frame, {"confidence": values}, facts=facts)
 

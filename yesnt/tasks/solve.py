@@ -17,7 +17,7 @@ from yesnt.core.errors import JobError
 from yesnt.planning import settings as of
 from yesnt.tasks.workspace import Workspace, release_memory
 from yesnt.temporal import BlockLists, solve_lists
-from yesnt.temporal.geometry import Geometry, PackedMasks, build_geometry, loosen_frame
+from yesnt.temporal.geometry import Geometry, PackedMasks, build_geometry, drop_spatial_term
 from yesnt.temporal.outliers import bridge
 
 Float32 = NDArray[np.float32]
@@ -130,7 +130,7 @@ def solve_window(space: Workspace, window: Window, start: Float32 | None) -> tup
     links = Links(space, window)
     with space.kernel():  # it reads links as it goes; those are not counted
         geometry = build_geometry(window.matte, Part(links, 0), Part(links, 1), window.fixed)
-        _loosen(geometry, space, window)
+        _drop_spatial_terms(geometry, space, window)
     lists = BlockLists(geometry, data, confidence, data if start is None else start)
     release_memory()  # what reading left on the shelf
     with space.kernel():
@@ -139,12 +139,12 @@ def solve_window(space: Workspace, window: Window, start: Float32 | None) -> tup
     return value, facts | ({"cut_links": links.cut} if links.cut else {})
 
 
-def _loosen(geometry: Geometry, space: Workspace, window: Window) -> None:
+def _drop_spatial_terms(geometry: Geometry, space: Workspace, window: Window) -> None:
     """Takes the spatial term from inconsistent frames, by their validity: the same pixels in every window."""
     links = Links(space, window)
     for t, frame in enumerate(window.frames[:-1]):
-        if frame in links.silent:
-            loosen_frame(geometry, t, links.pair(t)[1][window.matte[t]] > 0)
+        if frame in links.inconsistent:
+            drop_spatial_term(geometry, t, links.pair(t)[1][window.matte[t]] > 0)
 
 
 def listed(window: Window, read: Callable[[int], Float32]) -> Float32:
@@ -223,7 +223,7 @@ class Links:
         self._space, self._window = space, window
         self._limit = space.node.arguments["reach"] or np.inf
         self._index, self._pair = -1, (np.zeros(0, np.float32), np.zeros(0, np.float32))
-        self.silent = {frame for frame in window.frames if _inconsistent(space, frame)}
+        self.inconsistent = {frame for frame in window.frames if _inconsistent(space, frame)}
         self.cut = 0
 
     def pair(self, index: int) -> tuple[Float32, Float32]:
@@ -243,7 +243,7 @@ class Links:
         long = (np.abs(flow[..., 1]) > self._limit - 1) & (validity > 0) & window.matte[index]
         self.cut += int(long.sum())
         validity[long] = 0
-        if frame in self.silent or window.frames[index + 1] in self.silent:
+        if frame in self.inconsistent or window.frames[index + 1] in self.inconsistent:
             validity = bridge(validity)
         return flow, validity
 

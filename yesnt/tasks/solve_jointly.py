@@ -1,7 +1,7 @@
 """The joint sweep of the temporal solve: what exchanges between blocks still move, in all frames at once.
 
-See temporal/joint.py. Frames are read one at a time, in a few passes: how far pixels moved, which are loose, and their
-lists. What stays in memory is masks of the sequence, a bit a pixel, and the lists.
+See temporal/joint.py. Frames are read one at a time, in a few passes: how far pixels moved, which are unconverged, and
+their lists. What stays in memory is masks of the sequence, a bit a pixel, and the lists.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ from numpy.typing import NDArray
 from yesnt.tasks.solve import Links, Window, array_of, keep, known, listed, solve_window
 from yesnt.tasks.workspace import Workspace
 from yesnt.temporal.geometry import PackedMasks
-from yesnt.temporal.joint import ChangeCounter, FrameLinks, listed_frames, loose_pixels
+from yesnt.temporal.joint import ChangeCounter, FrameLinks, listed_frames, unconverged_pixels
 
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-LOOSE = 0.3
-"""A pixel is loose if the round moved it by more than this share of the tolerance."""
+UNCONVERGED = 0.3
+"""A pixel is unconverged if the round moved it by more than this share of the tolerance."""
 
 ATTEMPTS = 4
-"""How often the choice is narrowed until the loose pixels and their rim fit into memory."""
+"""How often the choice is narrowed until the unconverged pixels and their rim fit into memory."""
 
 
 def solve_jointly(space: Workspace) -> None:
-    """Commits all frames: solved where they were loose, as they were elsewhere."""
+    """Commits all frames: solved where they were unconverged, unchanged elsewhere."""
     now: dict[int, dict[int, str]] = space.node.arguments["now"]
     window, facts = _choose(space)
     if window is None:
@@ -52,11 +52,11 @@ def solve_jointly(space: Workspace) -> None:
 
 
 def _choose(space: Workspace) -> tuple[Window | None, dict[str, Any]]:
-    """The window of the loose pixels and their rim, as many as memory allows; None if nothing is loose."""
+    """The window of the unconverged pixels and their rim, as many as memory allows; None if there are none."""
     room: int = space.node.arguments["joint"]
     count, largest = _count(space)
-    facts: dict[str, Any] = {"moved": min(largest, 1.0), "loose": 0}
-    smallest = LOOSE * space.job.shot.temporal.tolerance
+    facts: dict[str, Any] = {"moved": min(largest, 1.0), "unconverged": 0}
+    smallest = UNCONVERGED * space.job.shot.temporal.tolerance
     if not space.job.shot.temporal.enabled or largest <= smallest:
         return None, facts
     allowed, choice = room, _Choice(space)
@@ -66,7 +66,7 @@ def _choose(space: Workspace) -> tuple[Window | None, dict[str, Any]]:
         pixels = _size(window.matte)
         if pixels <= room:
             free = pixels - _size(window.fixed)
-            return (window if free else None), facts | {"loose": free, "threshold": min(threshold, 1.0)}
+            return (window if free else None), facts | {"unconverged": free, "threshold": min(threshold, 1.0)}
         allowed = allowed * room // (2 * pixels)
     return None, facts
 
@@ -103,7 +103,7 @@ class _Choice:
         shape = (len(frames), space.job.height, space.job.width)
         free, rim = PackedMasks(shape), PackedMasks(shape)
         for index, frame in enumerate(frames):
-            free[index] = loose_pixels(_moved(space, frame) > threshold, space.matte(frame))
+            free[index] = unconverged_pixels(_moved(space, frame) > threshold, space.matte(frame))
         links = Links(space, Window(frames, slice(0, space.job.height), free, free))
 
         def read(index: int) -> FrameLinks:

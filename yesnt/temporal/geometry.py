@@ -110,7 +110,7 @@ def build_geometry(
     return geometry
 
 
-def loosen_frame(geometry: Geometry, t: int, linked: NDArray[np.bool_]) -> None:
+def drop_spatial_term(geometry: Geometry, t: int, linked: NDArray[np.bool_]) -> None:
     """Takes the spatial neighbours from the `linked` pixels [n] of frame t, which has no say of its own.
 
     Where a frame's data weigh nothing, nothing holds against the total variation: it would flatten the frame, which

@@ -1,13 +1,13 @@
-"""Pixels that are solved together over the whole sequence: those that an exchange between blocks still moved.
+"""Joint solve of the unconverged pixels over the whole sequence, between exchanges of block borders.
 
-Blocks that only exchange borders agree fast where data holds a pixel: each exchange takes rho^(2 halo + 2) of what is
-left. Where data does not (a confidence near 0, or metal against gloss in Huber's tail, whose pull has no stiffness) a
-patch moves as one through all blocks, and news of it travels one block a sweep. Such pixels are few. So between two
-exchanges they are set free in all frames at once, with all others fixed: one more step of Schwarz's method, whose
-subdomain is not a box but the loose pixels themselves. It lowers F, whatever was chosen to be loose.
+The exchange converges fast where the data weight is large: each sweep multiplies the error by rho^(2 halo + 2). It is
+slow where the data term has little stiffness: at confidence near 0, and in the linear part of the Huber function. There
+a connected patch moves as one through all blocks, and a change travels one block per sweep. Such pixels are few.
+Between two exchanges they are therefore solved in all frames at once, with all other pixels fixed. This is a step of
+Schwarz's alternating method whose subdomain is the set of unconverged pixels; it lowers F for any choice of that set.
 
-They are widened by `MARGIN` pixels, to the whole frame where most of it moved: pixels that happened to stay where they
-were would pin the patch around them.
+The set is widened by `MARGIN` pixels, or to the whole frame where most of the frame moved, because pixels that did not
+move by chance would otherwise hold the patch around them in place.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ Mask = NDArray[np.bool_]
 Single = NDArray[np.float32]
 
 MARGIN = 2
-"""Pixels around one that moved which are set free with it."""
+"""Pixels by which the set of moved pixels is widened on every side."""
 
 MOST = 0.5
-"""Share of a frame's matte that moved, from which all of it is set free."""
+"""Share of moved matte pixels above which the whole frame is solved."""
 
 STEPS_PER_OCTAVE, OCTAVES, LARGEST = 16, 40, 8.0
-"""Bins in which changes are counted: from LARGEST down, in steps of 2^(1/16)."""
+"""Logarithmic bins of the change histogram: from LARGEST down, in steps of 2^(1/16)."""
 
 
 @dataclass(frozen=True)
 class FrameLinks:
-    """One frame as the rim needs it: [H, W] matte; flow [H, W, 2] to the next and its validity, None at the end."""
+    """Matte [H, W], flow [H, W, 2] to the next frame and its validity [H, W]; None at the last frame."""
 
     matte: Mask
     flow: Single | None
@@ -41,28 +41,28 @@ class FrameLinks:
 
 
 class ChangeCounter:
-    """Counts pixels by how far they moved, so that a threshold can be chosen without keeping the changes."""
+    """Histogram of the pixels' changes, from which a threshold is chosen without storing the changes."""
 
     def __init__(self) -> None:
         self._counts = np.zeros(STEPS_PER_OCTAVE * OCTAVES + 1, np.int64)
 
     def add(self, change: Single) -> None:
-        """Counts one frame's changes [n], >= 0."""
+        """Adds one frame's changes [n], >= 0."""
         with np.errstate(divide="ignore"):
             octave = np.log2(LARGEST / change)
         index = np.clip(np.ceil(STEPS_PER_OCTAVE * octave), 0, len(self._counts) - 1).astype(np.int64)
         self._counts += np.bincount(index, minlength=len(self._counts))
 
     def threshold(self, smallest: float, most: int) -> float:
-        """The change from which a pixel is loose: `smallest`, or more if more than `most` pixels moved by that."""
+        """Change above which a pixel is unconverged: `smallest`, or more so that at most `most` pixels are."""
         within = np.flatnonzero(np.cumsum(self._counts) <= most)
         if len(within) == 0:
             return float("inf")
         return max(smallest, LARGEST * 2.0 ** (-float(within[-1]) / STEPS_PER_OCTAVE))
 
 
-def loose_pixels(moved: Mask, matte: Mask) -> Mask:
-    """The pixels [H, W] that are set free where some have moved: these and the matte pixels around them."""
+def unconverged_pixels(moved: Mask, matte: Mask) -> Mask:
+    """Free pixels [H, W] of a frame: the moved ones and the matte pixels within `MARGIN` of them."""
     count = np.count_nonzero(moved)
     if count == 0 or count > MOST * np.count_nonzero(matte):
         return matte & (count > 0)
@@ -72,17 +72,17 @@ def loose_pixels(moved: Mask, matte: Mask) -> Mask:
 
 
 def listed_frames(read: Callable[[int], FrameLinks], free: Callable[[int], Mask], length: int) -> Iterator[Mask]:
-    """The pixels that a joint solve lists, frame by frame: the free ones and the rim that their terms of F reach.
+    """Yields the pixels of a joint solve, frame by frame: the free ones and all others that their terms of F contain.
 
     Args:
-        read: gives a frame of the sequence by position; asked in order.
-        free: gives the free pixels [H, W] of a frame; subset of its matte.
-        length: of the sequence.
+        read: returns the frame at a position; called in order.
+        free: returns the free pixels [H, W] at a position; a subset of the matte.
+        length: number of frames.
 
     Yields:
-        [H, W] bool per frame. The rim holds the eight neighbours of a free pixel, whatever its flow samples, whatever
-        samples it, and the other samples of those: bilinear weights are renormalised over listed pixels (geometry.py),
-        so every link that touches a free pixel must find all of its samples.
+        [H, W] bool per frame. The other pixels are the eight neighbours of a free pixel, the samples of its link, the
+        pixels whose links sample it, and the other samples of those links: bilinear weights are renormalised over
+        listed pixels (geometry.py), so every link that touches a free pixel needs all of its samples.
     """
     arriving: Mask | None = None
     here = free(0)
@@ -110,7 +110,7 @@ def _dilate(mask: Mask) -> Mask:
 
 
 def _touching(flow: Single, linked: Mask, here: Mask, following: Mask) -> tuple[Mask, Mask]:
-    """Pixels of this frame whose link touches a free pixel, and all pixels of the next that these sample."""
+    """Pixels of this frame whose link touches a free pixel, and the pixels of the next frame that they sample."""
     height, width = here.shape
     row, column = np.nonzero(linked)
     x, y = column + flow[row, column, 0].astype(np.float64), row + flow[row, column, 1].astype(np.float64)

@@ -127,10 +127,10 @@ def gradient(first, last, x, out, energies, geo, observed, confidence, params):
 
 
 @njit(cache=True, nogil=True)
-def linearise(first, last, x, duals, trust, geo, observed, confidence, params, operator):
+def linearise(first, last, x, duals, damping, geo, observed, confidence, params, operator):
     """Weights of the Newton system at x with duals (qx, qy, u) (Chan, Golub, Mulet 1999, and the same for Huber).
 
-    The duals are scaled by `trust` in [0, 1]; with 0 the weights are those of iteratively reweighted least squares,
+    The duals are scaled by `damping` in [0, 1]; with 0 the weights are those of iteratively reweighted least squares,
     which majorise F. Fills `operator` = (data, a, b, d), [N] each: the spatial term's matrix at a pixel is
     ((a, b), (b, d)). It is positive semidefinite while |q| <= 1, and the data weight is not negative while |u| <= 1.
     Differences are taken in float64, what follows in the operator's precision.
@@ -138,18 +138,18 @@ def linearise(first, last, x, duals, trust, geo, observed, confidence, params, o
     qx, qy, u = duals
     data, a, b, d = operator
     kind = data.dtype.type
-    one, half, trust = kind(1), kind(0.5), kind(trust)
+    one, half, damping = kind(1), kind(0.5), kind(damping)
     delta, lambda1, eps2 = kind(params[0]), kind(params[1]), kind(params[3] * params[3])
     for t in range(first, last):
         for p in pixels_of(t, geo):
             r = kind(x[p] - np.float64(observed[p]))
             size = abs(r)
-            weight = one if size <= delta else delta * (one - trust * math.copysign(u[p], u[p] * r)) / size
+            weight = one if size <= delta else delta * (one - damping * math.copysign(u[p], u[p] * r)) / size
             data[p] = confidence[p] * weight
             right, below = differences(p, x, geo)
             dx, dy = kind(right), kind(below)
             inverse = one / math.sqrt(dx * dx + dy * dy + eps2)
-            scale, dx, dy = lambda1 * inverse, trust * dx * inverse, trust * dy * inverse
+            scale, dx, dy = lambda1 * inverse, damping * dx * inverse, damping * dy * inverse
             a[p] = scale * (one - qx[p] * dx)
             d[p] = scale * (one - qy[p] * dy)
             b[p] = -half * scale * (qx[p] * dy + qy[p] * dx)

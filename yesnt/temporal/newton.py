@@ -29,7 +29,7 @@ MINIMAL_LENGTH = 1e-9
 SINGLE_STIFFNESS = 2e4
 """Stiffness from which the linear systems are solved in float64: conjugate gradients stall at stiffness x rounding."""
 
-EASY_STEPS, EASY_TRUST, EASY_REDUCTION = 8, 0.95, 0.2
+EASY_STEPS, EASY_DAMPING, EASY_REDUCTION = 8, 0.95, 0.2
 """The first steps trust the duals a little less and solve their systems roughly: most problems end there, in half the
 products. At full trust saturated pixels weigh nothing, which makes systems close to singular."""
 
@@ -87,10 +87,10 @@ class Problem:
     @property
     def box(self) -> tuple[float, float]:
         """Range of what was observed, widened by its width on both sides; see certificate.py."""
-        trusted = self.observed[(self.confidence > 0) | (self.geometry.flags & FIXED > 0)]
-        if len(trusted) == 0:
+        weighted = self.observed[(self.confidence > 0) | (self.geometry.flags & FIXED > 0)]
+        if len(weighted) == 0:
             return 0.0, 1.0
-        low, high = float(trusted.min()), float(trusted.max())
+        low, high = float(weighted.min()), float(weighted.max())
         width = max(high - low, 1e-3)
         return low - width, high + width
 
@@ -156,7 +156,7 @@ class NewtonSolver:
         self.box = problem.box
         self.per_frame = np.zeros(frames)
         self.qx, self.qy, self.u = (np.zeros(count, np.float32) for _ in range(3))
-        self.trust = EASY_TRUST
+        self.damping = EASY_DAMPING
         kind: type[Any] = np.float64 if problem.stiff else np.float32
         self.coupling = kind(2 * problem.params.lambda2)
         work = np.zeros((9, count), kind)
@@ -189,7 +189,7 @@ class NewtonSolver:
         problem = self.problem
         geometry, coupling, kind = problem.geometry, self.coupling, type(self.coupling)
         data = (geometry, problem.observed, problem.confidence, problem.numbers)
-        self.run(kernels.linearise, x, (self.qx, self.qy, self.u), self.trust, *data, self.operator)
+        self.run(kernels.linearise, x, (self.qx, self.qy, self.u), self.damping, *data, self.operator)
         self.run(kernels.inverse_diagonal, self.inverse, geometry, self.operator, coupling)
         frames = geometry.frames
         self.run(kernels.start_cg, self.gradient, self.inverse, self.z, self.r, frames, self.per_frame)
@@ -231,8 +231,8 @@ class NewtonSolver:
         self.polish()
         state.outer += 1
         length = self.line_search(state)
-        raised = min(EASY_TRUST if easy else 1.0, 1 - 0.6 * (1 - self.trust))
-        self.trust = raised if length == 1.0 else max(self.trust - 0.2, 0.5 * self.trust)
+        raised = min(EASY_DAMPING if easy else 1.0, 1 - 0.6 * (1 - self.damping))
+        self.damping = raised if length == 1.0 else max(self.damping - 0.2, 0.5 * self.damping)
         problem = self.problem
         duals = (self.qx, self.qy, self.u)
         self.run(kernels.update_duals, state.x, self.z, *duals, problem.geometry, problem.observed, problem.numbers)

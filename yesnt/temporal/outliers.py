@@ -1,9 +1,9 @@
-"""Frames and members whose prediction is strongly inconsistent: found by robust statistics, trusted less, reported.
+"""Detects inconsistent frames, regions and ensemble members by robust statistics and lowers their confidence.
 
-Such predictions are the paper's own limitation: a least-squares coupling in time would smear them over their
-neighbours. A frame is compared with what its neighbours predict for it along the flow: the residual from the median of
-up to five values (the frame itself and two frames to each side) is large where the frame is alone with its opinion, and
-stays small in the clean frames next to it.
+The paper names strongly inconsistent predictions as its limitation: the quadratic temporal term would spread them over
+the neighbouring frames. Each pixel is compared with the values that neighbouring frames predict for it along the flow.
+Its residual is the distance from the median of up to five values: its own and those of two frames on each side. The
+residual is large where one frame disagrees with all others and stays small in the clean frames next to it.
 """
 
 from __future__ import annotations
@@ -23,28 +23,29 @@ Single = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 WINDOW = 4
-"""Frames on each side whose residuals tell what is usual."""
+"""Frames on each side from whose residuals the usual residual is estimated."""
 
 MEDIAN_OF_MEAN = 0.845
 """Median over mean of the absolute value of a normal variable."""
 
 BRIDGE = 2.0
-"""Weight of sure links into and out of an inconsistent frame: it has no say of its own, and two links in series that
-are twice as stiff couple the frames beside it as closely as neighbours are coupled."""
+"""Weight of fully valid links into and out of an inconsistent frame. The frame has no data of its own; two links of
+twice the stiffness in series couple the two frames beside it as strongly as one link of weight 1."""
 
 OUTLIER_HALO = REACH + WINDOW
-"""Halo with which a block gives the same confidence as the whole sequence."""
+"""Frames of halo with which a block gets the same confidence as the whole sequence."""
 
 
 @dataclass(frozen=True)
 class OutlierSettings:
-    """What counts as inconsistent.
+    """Thresholds of the outlier detection.
 
     Attributes:
-        limit: residual over usual residual above which trust falls, as (limit / ratio)^4: a
-            frame far off is worth no more than a missing one.
-        usual_floor: smallest usual residual, so that a noiseless sequence does not condemn rounding.
-        region: side of the box over which residuals are averaged, pixels; single pixels are Huber's affair.
+        limit: ratio of residual to usual residual above which the confidence is multiplied by (limit / ratio)^4, so
+            that a frame far above it has the weight of a missing one.
+        usual_floor: lower bound of the usual residual, in units of the material; without it, rounding errors would
+            count as outliers in a noiseless sequence.
+        region: side in pixels of the box over which residuals are averaged. The Huber term handles single pixels.
     """
 
     limit: float = 5.0
@@ -54,32 +55,32 @@ class OutlierSettings:
 
 @dataclass(frozen=True)
 class OutlierReport:
-    """What was found, per frame of the input.
+    """Result of the outlier detection, per frame of the input.
 
     Attributes:
-        ratio: [T] the frame's median residual over the usual one, worst channel.
-        distrusted: [T] share of the frame's matte pixels whose confidence was at least halved, worst channel.
+        ratio: [T] median residual of the frame over the usual residual, worst channel.
+        downweighted: [T] share of the frame's matte pixels whose confidence was at least halved, worst channel.
         frames: indices of the frames that are inconsistent as a whole (ratio above the limit).
     """
 
     ratio: tuple[float, ...]
-    distrusted: tuple[float, ...]
+    downweighted: tuple[float, ...]
     frames: tuple[int, ...]
 
 
 @dataclass(frozen=True)
-class FrameTrust:
-    """What one frame is worth.
+class FrameConsistency:
+    """Consistency of one frame with its neighbours.
 
     Attributes:
-        weight: [C, H, W] in [0, 1], to be multiplied on the confidence.
-        ratio: its median residual over the usual one, worst channel.
-        distrusted: share of its matte pixels whose weight is below one half, worst channel.
+        weight: [C, H, W] factor in [0, 1] for the confidence.
+        ratio: median residual of the frame over the usual residual, worst channel.
+        downweighted: share of the frame's matte pixels whose weight is below one half, worst channel.
     """
 
     weight: Single
     ratio: float
-    distrusted: float
+    downweighted: float
 
 
 def robust_confidence(
@@ -90,7 +91,7 @@ def robust_confidence(
     matte: Any,
     settings: OutlierSettings | None = None,
 ) -> tuple[Single, OutlierReport]:
-    """Lowers the confidence of inconsistent frames and regions; arrays as in `solve`.
+    """Lowers the confidence of inconsistent frames and regions.
 
     Args:
         observed: [T, H, W] or [C, T, H, W].
@@ -101,8 +102,11 @@ def robust_confidence(
         settings: None for the defaults.
 
     Returns:
-        confidence float32 of the shape of `observed`, and the report. With `OUTLIER_HALO` frames around a block the
+        Confidence, float32, of the shape of `observed`; and the report. With `OUTLIER_HALO` frames around a block the
         block's frames get the same values as in the whole sequence.
+
+    Raises:
+        JobError: as `solve`.
     """
     settings = settings or OutlierSettings()
     inputs = check_inputs(observed, confidence, flow, validity, matte)
@@ -113,11 +117,11 @@ def robust_confidence(
         link = (vectors[t], valid[t]) if t < last else (None, None)
         return ObservedFrame(inputs.observed[:, t], inputs.matte[t], *link)
 
-    found = list(frame_trust(read, last + 1, settings))
-    ratio = tuple(trust.ratio for trust in found)
+    found = list(frame_consistency(read, last + 1, settings))
+    ratio = tuple(one.ratio for one in found)
     frames = tuple(t for t, r in enumerate(ratio) if r > settings.limit)
-    result = inputs.confidence * np.stack([trust.weight for trust in found], axis=1)
-    return result.reshape(np.shape(observed)), OutlierReport(ratio, tuple(t.distrusted for t in found), frames)
+    result = inputs.confidence * np.stack([one.weight for one in found], axis=1)
+    return result.reshape(np.shape(observed)), OutlierReport(ratio, tuple(t.downweighted for t in found), frames)
 
 
 def bridged_links(validity: Any, frames: tuple[int, ...]) -> Single:
@@ -129,22 +133,22 @@ def bridged_links(validity: Any, frames: tuple[int, ...]) -> Single:
 
 
 def bridge(validity: Single) -> Single:
-    """Weight of links beside an inconsistent frame: `BRIDGE` times validity squared.
+    """Weight of the links of an inconsistent frame: `BRIDGE` times the validity squared.
 
-    Where no data holds against it a doubtful link is followed in full, however small its weight; and both of two links
-    in series have to be right: so what is doubtful counts twice as doubtful.
+    A frame without data follows its links however small their weight is, and both of two links in series must be right.
+    Squaring the validity accounts for both.
     """
     return (BRIDGE * validity * validity).astype(np.float32)
 
 
-def frame_trust(
+def frame_consistency(
     read: Callable[[int], ObservedFrame], length: int, settings: OutlierSettings | None = None
-) -> Iterator[FrameTrust]:
-    """Trust of each of `length` frames in order; holds the pixel lists of few frames at a time, whatever the length.
+) -> Iterator[FrameConsistency]:
+    """Yields the consistency of each of `length` frames in order; memory does not depend on the length.
 
     Args:
-        read: gives a frame by position; asked once for each, in order.
-        length: how many frames there are.
+        read: returns the frame at a position; called once per frame, in order.
+        length: number of frames.
         settings: None for the defaults.
     """
     settings = settings or OutlierSettings()
@@ -159,23 +163,26 @@ def frame_trust(
         if done >= 0:
             window = [levels[k] for k in range(max(0, done - WINDOW), min(length, done + WINDOW + 1))]
             usual = np.maximum(np.median(window, axis=0), settings.usual_floor)
-            yield _trust(residuals.pop(done), tracks.mattes.pop(done), usual, levels[done][0], settings)
+            yield _consistency(residuals.pop(done), tracks.mattes.pop(done), usual, levels[done][0], settings)
 
 
 def _levels(residual: Single) -> NDArray[np.float64]:
-    """Median and mean over the pixels of a frame's residuals [C, n], the mean as the median of normal ones: [2, C]."""
+    """Median and scaled mean over the pixels of a frame's residuals [C, n]: [2, C].
+
+    The mean is scaled so that both agree for normally distributed values.
+    """
     if residual.size == 0:
         return np.zeros((2, len(residual)))
     return np.stack([np.median(residual, axis=1), MEDIAN_OF_MEAN * np.mean(residual, axis=1, dtype=np.float64)])
 
 
-def _trust(
+def _consistency(
     residual: Single, matte: Mask, usual: NDArray[np.float64], median: NDArray[np.float64], settings: OutlierSettings
-) -> FrameTrust:
-    """Trust of a frame from its residuals [C, n]; `usual` is [2, C] as in `_levels`, `median` [C].
+) -> FrameConsistency:
+    """Consistency of a frame from its residuals [C, n]; `usual` is [2, C] as in `_levels`, `median` [C].
 
-    A region is measured against the usual mean: where a class flips here and there from frame to frame (metal), the
-    median is 0 and every flip would count as an outlier, so that the minority, right or wrong, would lose its vote.
+    A region is compared with the larger of the usual median and mean. Where the predicted class of a few pixels changes
+    from frame to frame (metallic), the median is 0, and every such pixel would count as an outlier.
     """
     weight = np.ones((len(residual), *matte.shape), np.float32)
     for channel, part in enumerate(residual):
@@ -185,22 +192,23 @@ def _trust(
         local = np.maximum(box_mean(dense, matte, settings.region) / usual[:, channel].max(), ratio)
         weight[channel] = np.minimum(1.0, (settings.limit / np.maximum(local, settings.limit)) ** 4)
     low = weight[:, matte] < 0.5
-    return FrameTrust(weight, float(np.max(median / usual[0])), float(low.mean(axis=1).max()) if low.size else 0.0)
+    downweighted = float(low.mean(axis=1).max()) if low.size else 0.0
+    return FrameConsistency(weight, float(np.max(median / usual[0])), downweighted)
 
 
 def consistent_members(
     members: NDArray[np.floating], matte: Mask, limit: float = 4.0
 ) -> tuple[Mask, NDArray[np.float64]]:
-    """Which members of one frame's ensemble agree with the others.
+    """Finds the members of one frame's ensemble that agree with the others.
 
     Args:
         members: [K, H, W] predictions of one frame.
         matte: [H, W].
-        limit: distance from the members' median over the median of these distances, above which a member is left out.
+        limit: a member is rejected if its distance exceeds this times the median distance.
 
     Returns:
-        [K] bool kept (all of them for K < 3, since two cannot outvote one another) and [K] distances: median over the
-        matte of |member - median of members|.
+        [K] bool, True for members that agree (all for K < 3, where there is no majority); and [K] distances: the median
+        over the matte of |member - median of members|.
     """
     inside = np.asarray(members)[:, matte]
     if inside.shape[1] == 0:

@@ -1,4 +1,4 @@
-"""The public face of the temporal stage: `energy` and `solve` on NumPy arrays or torch tensors (contract.md)."""
+"""Public functions of the temporal stage: `energy` and `solve`, for NumPy arrays and torch tensors."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from yesnt.core.errors import JobError
 from yesnt.temporal.adam import solve_adam
-from yesnt.temporal.geometry import Geometry, build_geometry, loosen_frame
+from yesnt.temporal.geometry import Geometry, build_geometry, drop_spatial_term
 from yesnt.temporal.newton import Array, Limits, NewtonSolver, Outcome, Problem, State, solve_newton
 from yesnt.temporal.params import EnergyParams, Solution, SolveStats
 
@@ -25,7 +25,7 @@ METHODS: dict[str, tuple[Callable[[Problem, Array, Limits], State], int]] = {
     "default": (solve_newton, 300),
     "adam": (solve_adam, 100),
 }
-"""Name to solver and its limit on outer iterations (Adam's count ten steps each)."""
+"""Solver and limit on outer iterations by name. An outer iteration of Adam is ten steps."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Inputs:
 def energy(
     x: Any, observed: Any, confidence: Any, flow: Any, validity: Any, params: EnergyParams, matte: Any = None
 ) -> float:
-    """F(x) of method.md section 4, accumulated in float64; with a channel axis, the sum over channels.
+    """F(x) of docs/method.md section 4, accumulated in float64; with a channel axis, the sum over channels.
 
     Args:
         x: [T, H, W] or [C, T, H, W] material.
@@ -75,7 +75,7 @@ def solve(
     matte: Any = None,
     tolerance: float = 1e-4,
     method: Method = "default",
-    silent: tuple[int, ...] = (),
+    inconsistent: tuple[int, ...] = (),
 ) -> Solution:
     """Minimises F; arguments as in `energy`.
 
@@ -90,7 +90,8 @@ def solve(
         matte: [T, H, W] or None.
         tolerance: the solver stops once (F - F*) / F* is proven to be at most this.
         method: "default", or "adam" for the paper's.
-        silent: frames without data of their own (`OutlierReport.frames`): F has no spatial term on their linked pixels.
+        inconsistent: indices of inconsistent frames (`OutlierReport.frames`): F has no spatial term on their linked
+            pixels.
 
     Returns:
         The minimiser, float32, like `observed`, and what the solver did.
@@ -103,9 +104,9 @@ def solve(
         raise JobError(f"unknown solver {method!r}", "method", f"one of {', '.join(METHODS)}", "choose one of these")
     run, outer = METHODS[method]
     inputs = check_inputs(observed, confidence, flow, validity, matte)
-    for t in silent:
+    for t in inconsistent:
         part = slice(int(inputs.geometry.frames[t]), int(inputs.geometry.frames[t + 1]))
-        loosen_frame(inputs.geometry, t, inputs.geometry.link[part] > 0)
+        drop_spatial_term(inputs.geometry, t, inputs.geometry.link[part] > 0)
     limits = Limits(tolerance=tolerance, outer=outer)
     value, outcomes = inputs.observed.copy(), []
     for channel in range(len(value)):
@@ -118,7 +119,7 @@ def solve(
 
 
 def collect_stats(outcomes: list[Outcome], tolerance: float, pixels: int, seconds: float) -> SolveStats:
-    """One record over the channels."""
+    """Combines the channels' outcomes: sums of iterations and energy, the largest gap and step."""
     gap = max((one.gap for one in outcomes), default=0.0)
     return SolveStats(
         iterations=sum(one.outer for one in outcomes),
@@ -135,14 +136,18 @@ def collect_stats(outcomes: list[Outcome], tolerance: float, pixels: int, second
 def check_inputs(
     observed: Any, confidence: Any, flow: Any, validity: Any, matte: Any, fixed: Mask | None = None
 ) -> Inputs:
-    """Converts to NumPy, checks shapes and values, lists the matte pixels; arguments as in `energy`."""
+    """Converts the arguments of `energy` to NumPy, checks them and builds the geometry.
+
+    Raises:
+        JobError: a shape is wrong, the confidence is negative, or a value inside the matte is not finite.
+    """
     data = _numpy(observed)
     if data.ndim not in (3, 4) or 0 in data.shape:
         raise JobError("observed has the wrong shape", str(data.shape), "[T, H, W] or [C, T, H, W], none of them 0")
     planes = data.reshape((-1, *data.shape[-3:]))
     frames, height, width = planes.shape[1:]
     mask = np.ones((frames, height, width), bool) if matte is None else _as_mask(_numpy(matte))
-    # The store may hold half floats, which numba does not index.
+    # The store may hold float16, which Numba does not index.
     weights, vectors, valid = (_numpy(a).astype(np.float32, copy=False) for a in (confidence, flow, validity))
     _require_shape("matte", mask, (frames, height, width))
     _require_shape("flow", vectors, (frames - 1, height, width, 2))
@@ -161,7 +166,7 @@ def check_inputs(
 
 
 def channel_problem(inputs: Inputs, channel: int, params: EnergyParams) -> Problem:
-    """One channel's pixels as lists."""
+    """The problem of one channel, with its matte pixels [N] as contiguous arrays."""
     observed = inputs.observed[channel][inputs.matte]
     return Problem(inputs.geometry, observed, inputs.confidence[channel][inputs.matte], params)
 

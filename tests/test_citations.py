@@ -131,14 +131,15 @@ def _module(name: str) -> bool:
 
 
 def wrong_commands(path: Path) -> Iterator[str]:
-    """`make TARGET` and `yesnt VERB`."""
+    """`make TARGET` and `yesnt VERB`, in backticks or at the start of a line."""
     targets = re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.M)
-    for target in re.findall(r"`make ([a-z-]+)", prose(path)):
+    for target in re.findall(r"(?:^|`|&& )make ([a-z-]+)", prose(path), re.M):
         if target not in targets:
             yield f"`make {target}`: the Makefile has no such target"
     if path.name == "roadmap.md":
         return
-    for verb in re.findall(r"`yesnt ([a-z]+)", prose(path)):
+    written = "".join(re.findall(r"^```\n.*?^```|`[^`]*`", prose(path), re.M | re.S))
+    for verb in re.findall(r"(?:^|`|&& )yesnt ([a-z]+)(?!\w)", written, re.M):
         if verb not in verbs():
             yield f"`yesnt {verb}`: there is no such verb"
 

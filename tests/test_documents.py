@@ -1,16 +1,46 @@
-"""Documents that tell of the code must tell the truth."""
+"""Documents tell the truth about the code: stage table, contract, defaults, figures, benchmarks."""
 
 from __future__ import annotations
 
+import dataclasses
+import inspect
 import re
-import subprocess
-import sys
+from functools import cache
 from pathlib import Path
 
+import pytest
+import typer
+import yaml
+
+from yesnt.core.camera import Camera
 from yesnt.core.channels import CHANNELS, DELIVERED, STORED
+from yesnt.core.shot import Shot
 from yesnt.planning.stages import STAGES
 
 ROOT = Path(__file__).parent.parent
+BENCHMARKS = ROOT / "tests" / "benchmarks"
+PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *(ROOT / "deploy").glob("*.md")])
+
+
+@cache
+def text_of(name: str) -> str:
+    """A document by its path from the root."""
+    return (ROOT / name).read_text()
+
+
+def section(name: str, title: str) -> str:
+    """The part of a document under a heading of level two."""
+    found = re.search(rf"^## {re.escape(title)}.*?$(.*?)(?=^## |\Z)", text_of(name), re.M | re.S)
+    assert found, f"{name} has no section {title!r}"
+    return found.group(1)
+
+
+def code_blocks(text: str, language: str) -> list[str]:
+    """Fenced blocks of a language."""
+    return re.findall(rf"^```{language}\n(.*?)^```", text, re.M | re.S)
+
+
+# --- the stage table and the size of the architecture page
 
 
 def stage_table() -> str:
@@ -27,30 +57,257 @@ def stage_table() -> str:
 
 
 def test_stage_table_is_fresh() -> None:
-    text = (ROOT / "ARCHITECTURE.md").read_text()
-    found = re.search(r"<!-- stages -->\n(.*?)<!-- /stages -->", text, re.S)
+    found = re.search(r"<!-- stages -->\n(.*?)<!-- /stages -->", text_of("ARCHITECTURE.md"), re.S)
     assert found
     assert found.group(1).strip() == stage_table()
 
 
 def test_architecture_is_one_page() -> None:
-    assert len((ROOT / "ARCHITECTURE.md").read_text().splitlines()) <= 120
+    assert len(text_of("ARCHITECTURE.md").splitlines()) <= 120
 
 
-def test_every_file_that_the_documents_name_exists() -> None:
-    for document in ("README.md", "ARCHITECTURE.md", "CONTRIBUTING.md"):
-        for name in re.findall(
-            r"`((?:yesnt|tests|workflows|docs|deploy|docker)/[\w./-]+)`", (ROOT / document).read_text()
-        ):
-            assert (ROOT / name).exists(), f"{document} names {name}"
-        for name in re.findall(r"`((?:decompose|temporal|relight)/[\w.]+)`", (ROOT / document).read_text()):
-            assert (ROOT / "yesnt" / name).exists(), f"{document} names {name}"
+# --- the contract
 
 
-def test_every_verb_of_the_readme_exists() -> None:
-    out = subprocess.run([sys.executable, "-m", "yesnt", "--help"], capture_output=True, text=True, check=True).stdout
-    for verb in set(re.findall(r"`yesnt (\w+)", (ROOT / "README.md").read_text())):
-        assert re.search(rf"^\s+{verb}\b", out, re.M), verb
+@cache
+def commands() -> dict[str, typer.models.CommandInfo]:
+    from yesnt.cli.app import app
+
+    named = {command.name or getattr(command.callback, "__name__", ""): command for command in app.registered_commands}
+    return {name.replace("_", "-"): command for name, command in named.items()}
+
+
+def options_of(verb: str) -> set[str]:
+    """Long options of a verb."""
+    import typer.main
+
+    from yesnt.cli.app import app
+
+    group = typer.main.get_command(app)
+    command = group.commands[verb]  # type: ignore[attr-defined]
+    return {name for parameter in command.params for name in parameter.opts if name.startswith("--")}
+
+
+def contract_verbs() -> dict[str, set[str]]:
+    """Verbs of the contract's table and the options that it names."""
+    rows = re.findall(r"^\| `([a-z]+)([^`]*)`", section("docs/contract.md", "Command line"), re.M)
+    return {verb: set(re.findall(r"--[a-z-]+", rest)) for verb, rest in rows}
+
+
+def test_contract_names_every_verb_and_no_other() -> None:
+    assert set(contract_verbs()) == set(commands())
+
+
+@pytest.mark.parametrize("verb", sorted(contract_verbs()))
+def test_contract_names_every_option_and_no_other(verb: str) -> None:
+    assert contract_verbs()[verb] == options_of(verb) - {"--json"}
+
+
+def test_contract_says_which_verbs_print_json() -> None:
+    without = re.search(r"all verbs but (.*?)\)", section("docs/contract.md", "Command line"))
+    assert without
+    assert set(re.findall(r"`(\w+)`", without.group(1))) == {v for v in commands() if "--json" not in options_of(v)}
+
+
+def test_roadmap_holds_nothing_that_works() -> None:
+    text = text_of("docs/roadmap.md")
+    assert not {"submit", "logs", "pause", "resume", "cancel", "skip", "export-openjd", "gof", "camera"} & set(
+        commands()
+    )
+    future = {key for block in code_blocks(text, "yaml") for key in yaml.safe_load(block)}
+    assert future
+    assert not (future & set(Shot.model_fields)) - {"plate", "gbuffer", "light", "decompose"}  # these gain keys only
+
+
+def test_example_job_of_the_contract_is_accepted() -> None:
+    whole, further = code_blocks(section("docs/contract.md", "A shot"), "yaml")
+    shot = yaml.safe_load(whole)
+    Shot.model_validate(shot)
+    for key, value in yaml.safe_load(further).items():
+        Shot.model_validate(shot | {key: value})
+    assert set(yaml.safe_load(whole)) | set(yaml.safe_load(further)) == set(Shot.model_fields)
+
+
+def test_contract_names_the_required_keys() -> None:
+    named = re.search(r"Required: (.*?)\.", section("docs/contract.md", "A shot"))
+    assert named
+    required = {name for name, field in Shot.model_fields.items() if field.is_required()}
+    assert set(re.findall(r"`(\w+)`", named.group(1))) == required
+
+
+def test_contract_names_every_key_of_a_section() -> None:
+    text = section("docs/contract.md", "A shot")
+    for name, field in Shot.model_fields.items():
+        model = next((a for a in (field.annotation, *getattr(field.annotation, "__args__", ())) if has_fields(a)), None)
+        for key in model.model_fields if model is not None else ():
+            assert key in text, f"{name}.{key} is not in the contract"
+
+
+def has_fields(annotation: object) -> bool:
+    return hasattr(annotation, "model_fields")
+
+
+def test_template_of_a_new_shot_says_what_the_contract_says(tmp_path: Path) -> None:
+    from yesnt.io.embedded_shot import write_template
+
+    text = write_template(tmp_path / "walk").read_text()
+    keys = set(re.findall(r"^(?:# )?(\w+):", text, re.M))
+    (example, _) = code_blocks(section("docs/contract.md", "A shot"), "yaml")
+    assert keys == set(yaml.safe_load(example))
+    given = yaml.safe_load(text)
+    optional = re.sub(r"^# (\w+:.*?)(?:  +#.*)?$", r"\1", text, flags=re.M)
+    Shot.model_validate(given)
+    Shot.model_validate(yaml.safe_load("\n".join(line for line in optional.splitlines() if not line.startswith("#"))))
+
+
+def test_example_camera_of_the_contract_is_read() -> None:
+    text = section("docs/contract.md", "A shot")
+    keys = re.search(r'`camera.json`: `\{("width".*?)"frames"', text)
+    assert keys
+    intrinsics = dict.fromkeys(re.findall(r'"(\w+)"', keys.group(1)), 8.0)
+    pose = {"world_from_camera": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]}
+    assert Camera.from_dict(intrinsics | {"frames": {"1001": pose}}).width == 8
+
+
+def test_contract_names_every_delivered_channel() -> None:
+    text = section("docs/contract.md", "What comes out")
+    named = {"R", "G", "B", "A"}
+    for stem, components in re.findall(r"`(?:(\w+)\.)?(\w+(?:/\w)*)`", text):
+        named |= {f"{stem}.{c}" for c in components.split("/")} if stem else set()
+    delivered = {channel for name in DELIVERED for channel in CHANNELS[name].exr}
+    assert delivered <= named, delivered - named
+
+
+def test_python_of_the_contract_is_callable() -> None:
+    from yesnt.relight import Camera, EnvMap, GBuffer, shade
+    from yesnt.temporal import EnergyParams, energy, solve
+
+    (block,) = code_blocks(section("docs/contract.md", "Python"), "python")
+    for call, line in {energy: "energy", solve: "solve", shade: "shade", GBuffer: "GBuffer"}.items():
+        signature = re.search(rf"^{line}\((.*?)\)", block, re.M | re.S)
+        assert signature
+        written = [part.strip() for part in signature.group(1).split(",") if part.strip()]
+        held = [
+            name if parameter.default is inspect.Parameter.empty else f"{name}={parameter.default!r}".replace("'", '"')
+            for name, parameter in inspect.signature(call).parameters.items()
+        ]
+        held = [default.replace("0.0001", "1e-4") for default in held]
+        assert written == held[: len(written)], f"{line}: the code has {held}"
+    assert callable(Camera.open)
+    assert callable(EnvMap.open)
+    assert callable(EnvMap.from_array)
+    assert EnergyParams()
+
+
+# --- defaults of the method
+
+
+def test_defaults_of_the_method_are_those_of_the_code() -> None:
+    from yesnt.decompose.confidence import DIVISOR
+    from yesnt.decompose.settings import EnsembleSettings
+    from yesnt.relight.brdf import ALPHA_MIN, F0_DIELECTRIC, IOR
+    from yesnt.relight.settings import RelightSettings
+    from yesnt.temporal.flow import FlowSettings
+    from yesnt.temporal.outliers import BRIDGE, WINDOW, OutlierSettings
+    from yesnt.temporal.params import EnergyParams
+
+    text = " ".join(text_of("docs/method.md").split())
+    energy, flow = EnergyParams(), FlowSettings()
+    said = {
+        f"delta {energy.delta}, lambda1 {energy.lambda1}, lambda2 {energy.lambda2}, eps 1e-3": energy.eps == 1e-3,
+        f"relative {flow.relative}, absolute {flow.absolute}, photometric {flow.photometric}": flow.cut == 0,
+        f"flow method `{flow.method}`": True,
+        f"clip(std / {DIVISOR}, 0, 1)": True,
+        f"(`samples`, {EnsembleSettings().samples})": Shot.model_fields["decompose"].default.samples == 8,
+        f"(`overlap`, {EnsembleSettings().overlap})": EnsembleSettings().antithetic,
+        "alpha_ggx = max(r^2, 1e-3)": ALPHA_MIN == 1e-3,
+        f"F0 = {F0_DIELECTRIC} (1 - metallic)": True,
+        f"reflectance of IOR {IOR}": True,
+        f"links beside a frame that is inconsistent as a whole weigh {BRIDGE:g} V^2".capitalize(): True,
+        f"{OutlierSettings().limit:g} times (`limit`) what is usual within {WINDOW} frames": True,
+        f"regions of {OutlierSettings().region} x {OutlierSettings().region} pixels": True,
+        f"({RelightSettings().bounce} at standard quality)": True,
+        "stops at a tolerance (1e-4)": Shot.model_fields["temporal"].default.tolerance == 1e-4,
+    }
+    lower = text.lower()
+    for words, holds in said.items():
+        assert words.lower() in lower, f"method.md does not say: {words}"
+        assert holds, words
+
+
+# --- figures and benchmarks
+
+
+def figure(name: str, pattern: str) -> str:
+    """A number that a document prints, by a pattern with one group."""
+    found = re.search(pattern, " ".join(text_of(name).split()))
+    assert found, f"{name} has no figure for {pattern!r}"
+    return found.group(1)
+
+
+CARD = "docs/model-card.md"
+FIGURES = (
+    (r"roughness RMSE ([\d.]+) against", CARD, r"RMSE \(best constant\) \| ([\d.]+) \("),
+    (r"roughness RMSE [\d.]+ against ([\d.]+) for the best constant", CARD, r"RMSE \(best constant\) \| [\d.]+ \(([\d.]+)\)"),
+    (r"metallic AUC ([\d.]+)", CARD, r"area under the curve \| \| ([\d.]+)"),
+    (r"([\d.]+) dB with its own materials", "docs/evaluation-tables.md", r"\| Full \| [^|]*\| \d+ \| ([\d.]+) ±"),
+    (r"([\d.]+) dB with true materials", "docs/evaluation-tables.md", r"\| Full with true materials \| [^|]*\| \d+ \| ([\d.]+) ±"),
+    (r"([\d.]+) dB with the best constant", "docs/evaluation-tables.md", r"\| No Decomposition \| [^|]*\| \d+ \| ([\d.]+) ±"),
+)  # fmt: skip
+"""Pattern in the README, the page it links to, pattern there: both must print the same number."""
+
+
+@pytest.mark.parametrize(("said", "page", "measured"), FIGURES)
+def test_readme_prints_the_figures_of_the_pages_it_links_to(said: str, page: str, measured: str) -> None:
+    assert f"]({page})" in text_of("README.md")
+    places = len(figure("README.md", said).partition(".")[2])
+    assert figure("README.md", said) == f"{float(figure(page, measured)):.{places}f}"
+
+
+def test_readme_has_no_figure_that_is_not_compared() -> None:
+    text = " ".join(text_of("README.md").split())
+    compared = {figure("README.md", said) for said, _, _ in FIGURES}
+    assert set(re.findall(r"(?<![-\d.])\d+\.\d{1,3}\b", text)) - {"3.11"} <= compared
+
+
+def benchmarks() -> list[str]:
+    """Benchmarks that can be run; what they share is imported by them."""
+    return sorted(path.name for path in BENCHMARKS.glob("*.py") if "__main__" in path.read_text())
+
+
+@pytest.mark.parametrize("name", benchmarks())
+def test_every_benchmark_is_named_by_a_document_or_by_make_bench(name: str) -> None:
+    bench = re.search(r"^BENCHMARKS := (.*)$", text_of("Makefile"), re.M)
+    assert bench
+    named = name.removesuffix(".py") in bench.group(1).split()
+    assert named or any(name in path.read_text() for path in PAGES), f"no document names {name}"
+
+
+def test_make_bench_runs_what_exists() -> None:
+    bench = re.search(r"^BENCHMARKS := (.*)$", text_of("Makefile"), re.M)
+    assert bench
+    assert {f"{name}.py" for name in bench.group(1).split()} <= set(benchmarks())
+
+
+UNIT = re.compile(r"\d(?: ?%|,?\d* (?:dB|GB|MB|s a frame|times faster|times as fast)\b)|\bx0\.\d|\| [*+-]*\d*\.\d+")
+COMMAND = re.compile(r"`(?:python|pytest|yesnt (?:eval|trade|demo|plan|stage)|make|tests/)|--[a-z]+ |python tests/")
+
+
+def sections(page: Path) -> list[tuple[str, str]]:
+    """Title and text of each part of a page."""
+    parts = re.split(r"^## (.+)$", page.read_text(), flags=re.M)
+    return [("", parts[0]), *zip(parts[1::2], parts[2::2], strict=True)]
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if p.parent.name == "docs"], ids=lambda p: p.name)
+def test_every_section_with_figures_names_the_command_that_prints_them(page: Path) -> None:
+    if page.name in ("method.md", "roadmap.md", "evaluation-tables.md"):  # the paper's figures; written by a command
+        return
+    bare = [title for title, text in sections(page) if UNIT.search(text) and not COMMAND.search(text)]
+    assert not bare, f"{page.name}: no command beside the figures of {bare}"
+
+
+# --- registries that documents rely on
 
 
 def test_channel_registry_is_whole() -> None:
@@ -61,3 +318,10 @@ def test_channel_registry_is_whole() -> None:
 
 def test_no_stage_writes_what_is_not_a_channel() -> None:
     assert {array for stage in STAGES.values() for array in stage.arrays} == set(STORED)
+
+
+def test_docs_name_every_knob_of_relighting() -> None:
+    from yesnt.relight.settings import RelightSettings
+
+    text = section("docs/relight.md", "Qualities and knobs")
+    assert set(re.findall(r"`(\w+)`", text)) >= {field.name for field in dataclasses.fields(RelightSettings)}

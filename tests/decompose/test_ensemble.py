@@ -154,7 +154,7 @@ def test_rounds_double():
 
 def test_confidence_runs_from_one_to_zero():
     std = np.array([0, 0.25, 0.5, 0.9], np.float32)
-    np.testing.assert_allclose(confidence(std, 0.5), [1, 0.5, 0, 0])  # method.md's divisor
+    np.testing.assert_allclose(confidence(std, 0.5), [1, 0.5, 0, 0])  # the paper's divisor
     np.testing.assert_allclose(confidence(std), [1, 5 / 6, 2 / 3, 0.4], rtol=1e-6)
 
 

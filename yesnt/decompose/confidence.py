@@ -12,8 +12,8 @@ LARGEST_STD = 0.5
 
 
 DIVISOR = 1.5
-"""What the spread is divided by for the temporal solve. method.md's 0.5 takes all weight from pixels whose members
-disagree most, which then follow their neighbours: where a class is rarely found (metal), to the wrong side."""
+"""Divisor of the spread for the temporal solve. The paper's 0.5 removes all weight from pixels whose members disagree
+most; these then follow their neighbours, for a rare class (metal) to the wrong side (docs/temporal.md)."""
 
 
 def confidence(std: Float32, divisor: float = DIVISOR) -> Float32:

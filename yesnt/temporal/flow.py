@@ -34,7 +34,7 @@ class FlowSettings:
         method: cheapest first: dis-fast, dis-medium, dis-quality (finest scale 0, 25 gradient steps, 10 variational
             iterations), deepflow; spynet, a learned flow whose weights the caller loads and passes as `match`.
         relative: how much of |f|^2 + |b|^2 the squared forward-backward error may be.
-        absolute: plus this much, pixels^2. method.md's own pair is (0.01, 0.5): it rejects much good flow.
+        absolute: plus this much, pixels^2. The pair of Sundaram et al., (0.01, 0.5), rejects much good flow.
         photometric: sRGB difference at which validity falls to 1/e; infinite: colour is not compared and validity is
             0 or 1.
         cut: validity from which a link counts in full, and below which not at all; 0: the weight stays soft.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib.util
 import inspect
 import re
 from functools import cache
@@ -64,6 +65,38 @@ def test_stage_table_is_fresh() -> None:
 
 def test_architecture_is_one_page() -> None:
     assert len(text_of("ARCHITECTURE.md").splitlines()) <= 120
+
+
+def layer_rows() -> list[tuple[str, ...]]:
+    """Folders of each row of the layer table, from the lowest layer up."""
+    rows = re.findall(r"^\| [^|]+ \| ((?:`\w+/` ?)+)\|", section("ARCHITECTURE.md", "Layers"), re.M)
+    return [tuple(re.findall(r"`(\w+)/`", row)) for row in rows]
+
+
+def test_layer_table_is_the_one_that_the_architecture_test_checks() -> None:
+    spec = importlib.util.spec_from_file_location("test_architecture", ROOT / "tests" / "test_architecture.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    assert [set(row) for row in layer_rows()] == [set(names) - {"__main__"} for names in module.LAYERS]
+
+
+REPLACED = {
+    "opinion": "auxiliary predictor", "opinions": "auxiliary predictors", "survey": "auxiliary predictor",
+    "heard": "auxiliary predictor", "glow": "indirect radiance", "glows": "indirect radiance", "shelf": "LRU cache",
+    "reel": "video segment", "reels": "video segments", "film": "pixel filter, or video", "films": "videos",
+    "lab": "experiment harness", "judge": "scorer", "judged": "evaluated", "outfits": "garments",
+    "trust": "confidence, damping or shrinkage", "trusted": "weighted",
+}  # fmt: skip
+"""Words of the project's early days and the field's term."""
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.name)
+def test_documents_use_the_terms_of_the_field(page: Path) -> None:
+    prose = re.sub(r"```.*?```|`[^`]*`|<!-- stages -->.*?<!-- /stages -->|film set", "", page.read_text(), flags=re.S)
+    words = re.findall(r"[a-z]+", prose.lower())
+    assert not set(words) & set(REPLACED), {word: REPLACED[word] for word in words if word in REPLACED}
 
 
 # --- the contract

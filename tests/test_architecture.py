@@ -25,7 +25,6 @@ FORBIDDEN_IN_KERNELS = {"dask", "distributed", "zarr", "OpenImageIO", "OpenEXR"}
 
 GRANTED = {
     ("relight", "io"),  # EnvMap.open, which contract.md wants as a constructor
-    ("tasks", "runtime"),  # a task pins its own threads
 }
 """Upward imports that are there on purpose."""
 

@@ -50,7 +50,7 @@ def stage_table() -> str:
         files = {
             "window": "its frames' observed, spread",
             "composite": "EXR sequence",
-            "preview": "film, contact sheet",
+            "preview": "video, contact sheet",
         }
         writes = ", ".join(stage.arrays) or files[stage.name]
         rows.append(f"| {stage.name} | {stage.per} | {stage.reads} | {writes} |")

@@ -40,6 +40,6 @@ def _nodes(plan: ShotPlan) -> Iterator[Node]:
         yield from (add(plan.join(block, keys)) for block in plan.exchange.blocks)
     yield from (add(plan.relight(frame, keys)) for frame in plan.delivered)
     yield from (add(plan.composite(frame, keys)) for frame in plan.delivered)
-    yield from (add(plan.reel(index, keys)) for index in range(len(plan.reels)))
+    yield from (add(plan.segment(index, keys)) for index in range(len(plan.segments)))
     if plan.delivered:
         yield add(plan.preview(keys))

@@ -130,7 +130,7 @@ def _thread_counts() -> dict[str, int]:
     import numba  # noqa: F401
     import torch  # noqa: F401
 
-    from yesnt.runtime.cluster import pin_threads
+    from yesnt.core.threads import pin_threads
 
     return pin_threads()
 

@@ -182,7 +182,7 @@ FAULTS = {
     "swapped shards": (lambda p: swap(shard(p, "flow", 0), shard(p, "flow", 1)), {("flow", 1001), ("flow", 1002)}),
     "swapped EXRs": (lambda p: swap(exr(p, 1001), exr(p, 1002)), {("composite", 1001), ("composite", 1002)}),
     "damaged record": (lambda p: Session(p).book.path("relight", 1001).write_text("{"), {("relight", 1001)}),
-    "deleted film": (lambda p: (p.parent / "out/run/preview.mp4").unlink(), {("preview", 1001)}),
+    "deleted video": (lambda p: (p.parent / "out/run/preview.mp4").unlink(), {("preview", 1001)}),
 }
 
 

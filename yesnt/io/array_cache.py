@@ -1,85 +1,70 @@
-"""What a worker decoded a moment ago: a shelf of arrays, bounded in bytes, so that stages share one reading."""
+"""Byte-bounded LRU cache of decoded arrays, one a worker process, so that stages share a reading.
+
+Every key must name the content: the digest of a file or of a committed frame, never a path alone. A worker outlives
+runs, and a path may hold another file in the next one.
+"""
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass
-from pathlib import Path
 from threading import Lock
 from typing import Any, TypeVar
 
+from cachetools import LRUCache
 from numpy.typing import NDArray
 
 T = TypeVar("T")
 
-SHELF_BYTES = 48 << 20
-"""Enough for a dozen small frames; what is larger than a quarter is read each time. A long shot fills it and a short
-one does not, so it counts in how memory grows with length."""
+CACHE_BYTES = 48 << 20
+"""Default capacity: a dozen small frames. A long shot fills it and a short one does not, so it bounds how memory grows
+with the length of a shot."""
+
+LARGEST_SHARE = 4
+"""A value larger than the capacity divided by this is not kept: it would evict nearly everything else."""
 
 
-@dataclass(frozen=True)
-class _Item:
-    value: object
-    size: int
-
-
-class Shelf:
-    """The most recently used values, at most `capacity` bytes of them.
+class ArrayCache:
+    """The most recently used values, of bounded size together; safe to use from several threads.
 
     Args:
-        capacity: bytes of all arrays together; a value that is larger than a quarter of it is not kept.
+        capacity: bytes of all arrays together.
     """
 
-    def __init__(self, capacity: int = SHELF_BYTES) -> None:
-        self._capacity, self._held = capacity, 0
-        self._items: OrderedDict[Hashable, _Item] = OrderedDict()
+    def __init__(self, capacity: int = CACHE_BYTES) -> None:
+        self._largest = capacity // LARGEST_SHARE
+        self._items: LRUCache[Hashable, tuple[Any, int]] = LRUCache(capacity, getsizeof=lambda item: item[1])
         self._lock = Lock()
 
     @property
     def held(self) -> int:
-        """Bytes on the shelf."""
-        return self._held
+        """Bytes of the arrays that are held."""
+        return int(self._items.currsize)
 
     def clear(self) -> None:
-        """Takes everything off."""
+        """Drops everything."""
         with self._lock:
             self._items.clear()
-            self._held = 0
 
     def fetch(self, key: Hashable, make: Callable[[], T], arrays: Callable[[T], tuple[NDArray[Any], ...]]) -> T:
-        """The value of a key: from the shelf, or made and put there.
+        """The value of a key: the cached one, or made and then kept.
 
         Args:
-            key: must change whenever the value would.
-            make: reads or computes the value.
-            arrays: the arrays that a value holds; whoever gets a value from a shelf must not write to them.
+            key: names the value's content; two different values never have equal keys.
+            make: reads or computes the value; called outside the lock, so two threads may both make it.
+            arrays: the arrays that a value holds, for its size. Callers share the value and must not write to them.
         """
         with self._lock:
-            if key in self._items:
-                self._items.move_to_end(key)
-                return self._items[key].value  # type: ignore[return-value]
+            found = self._items.get(key)
+        if found is not None:
+            value: T = found[0]
+            return value
         value = make()
         self.put(key, value, sum(array.nbytes for array in arrays(value)))
         return value
 
     def put(self, key: Hashable, value: object, size: int) -> None:
-        """Keeps a value and drops the oldest ones until all fit."""
-        if size > self._capacity // 4:
+        """Keeps a value of `size` bytes and evicts the least recently used ones until all fit."""
+        if size > self._largest:
             return
         with self._lock:
-            if key in self._items:
-                self._held -= self._items.pop(key).size
-            self._items[key] = _Item(value, size)
-            self._held += size
-            while self._held > self._capacity:
-                self._held -= self._items.popitem(last=False)[1].size
-
-
-def file_identity(path: Path) -> tuple[str, int, int, int]:
-    """Changes whenever a file is replaced or rewritten: path, inode, size, time of its last change in nanoseconds.
-
-    Good enough to share a reading for seconds inside one process; what counts as done is never decided by it.
-    """
-    found = path.stat()
-    return str(path), found.st_ino, found.st_size, found.st_mtime_ns
+            self._items[key] = (value, size)

@@ -63,13 +63,13 @@ class OutputFolder:
         return self.exr / f"{name}.{frame:04d}.exr"
 
     @property
-    def reels(self) -> Path:
-        """Folder of the film's reels while frames arrive, in a folder named after their stage."""
-        return self.run / "reels"
+    def segments(self) -> Path:
+        """Folder of the preview video's segments while frames arrive, in a folder named after their stage."""
+        return self.run / "segments"
 
-    def reel_paths(self, number: int) -> tuple[Path, Path]:
-        """One reel of the film, and its frames as a strip for the contact sheet."""
-        stem = self.reels / "preview.reel" / f"{number:05d}"
+    def segment_paths(self, number: int) -> tuple[Path, Path]:
+        """One segment of the preview video, and its frames as a strip for the contact sheet."""
+        stem = self.segments / "preview.segment" / f"{number:05d}"
         return stem.with_suffix(".mp4"), stem.with_suffix(".png")
 
     def log_path(self, stage: str, frame: int) -> Path:

@@ -1,6 +1,7 @@
-"""A film and a contact sheet for the eye: sRGB from the delivered EXRs, made again only when they change.
+"""Preview video and contact sheet of a shot, in sRGB, from the delivered EXRs.
 
-The film is coded reel by reel as frames are delivered, and its reels are put together without coding them again.
+The video is encoded in segments of one second as frames are delivered; the segments are then joined without encoding
+them again.
 """
 
 from __future__ import annotations
@@ -18,19 +19,24 @@ from yesnt.io.durable import durable_path
 from yesnt.io.exr import read_planes
 
 FRAMES_PER_SECOND = 24
-REEL = 24
-"""Frames of a reel, one second: also the distance of the film's key frames."""
+SEGMENT_FRAMES = 24
+"""Frames of a video segment, one second; also the distance of the video's key frames."""
 
 SHEET_COLUMNS, SHEET_CELLS, SHEET_CELL_WIDTH = 8, 16, 192
 
 
-def write_reel(exrs: Sequence[Path], film: Path, strip: Path) -> None:
-    """Codes the composites of some frames as a film of their own, and sets them side by side on a strip, small.
+def write_segment(exrs: Sequence[Path], video: Path, strip: Path) -> None:
+    """Encodes the composites of some frames as a video, and writes them side by side, reduced, as a PNG strip.
 
     One frame is in memory at a time.
+
+    Args:
+        exrs: delivered EXRs in order.
+        video: the mp4 to write.
+        strip: the PNG to write, one cell of `SHEET_CELL_WIDTH` pixels a frame.
     """
     cells: list[NDArray[np.uint8]] = []
-    with _film(film) as container:
+    with _video(video) as container:
         stream = None
         for path in exrs:
             picture = _display(path)
@@ -43,14 +49,14 @@ def write_reel(exrs: Sequence[Path], film: Path, strip: Path) -> None:
     _write_png(strip, np.concatenate(cells, axis=1))
 
 
-def join_reels(reels: Sequence[Path], strips: Sequence[Path], film: Path, sheet: Path) -> None:
-    """Puts reels together in order, without coding them again, and makes a contact sheet of their strips."""
+def join_segments(segments: Sequence[Path], strips: Sequence[Path], video: Path, sheet: Path) -> None:
+    """Joins video segments in order, without encoding them again, and makes a contact sheet of their strips."""
     import av
 
     first, target = 0, None
-    with _film(film) as container:
-        for reel in reels:
-            with av.open(str(reel)) as source:
+    with _video(video) as container:
+        for segment in segments:
+            with av.open(str(segment)) as source:
                 stream = source.streams.video[0]
                 target = target or container.add_stream_from_template(stream)
                 frames = 0
@@ -66,7 +72,7 @@ def join_reels(reels: Sequence[Path], strips: Sequence[Path], film: Path, sheet:
 
 
 @contextmanager
-def _film(path: Path) -> Iterator[Any]:
+def _video(path: Path) -> Iterator[Any]:
     """An mp4 that is written whole or not at all; equal pictures give equal bytes."""
     import av
 
@@ -83,7 +89,7 @@ def _coded_stream(container: Any, picture: NDArray[np.uint8]) -> Any:
     stream = container.add_stream("libx264", rate=FRAMES_PER_SECOND)
     stream.height, stream.width = picture.shape[:2]
     stream.pix_fmt = "yuv420p"
-    # With the coder's macroblock tree, bytes differ from run to run where vectors are wide: one film of 3 under load.
+    # With x264's macroblock tree, bytes differ from run to run where vectors are wide: 1 video in 3 under load.
     stream.options = {"crf": "18", "threads": "1", "x264-params": "threads=1:no-mbtree=1"}
     stream.codec_context.flags |= av.codec.context.Flags.bitexact
     return stream
@@ -96,7 +102,7 @@ def _mux(container: Any, stream: Any, picture: NDArray[np.uint8]) -> None:
 
 
 def _shift(packet: Any, frames: int) -> None:
-    """Moves a packet of a reel to its place in the film."""
+    """Moves the time stamps of a segment's packet to its place in the whole video."""
     ticks = round(frames / (FRAMES_PER_SECOND * packet.time_base))
     packet.pts += ticks
     packet.dts += ticks

@@ -30,7 +30,7 @@ SHORTEST = 16
 for shots whose bands would still be too large."""
 
 RESIDENT = 470e6
-"""Bytes of a worker that has decomposed and relit frames, has cleared its shelf and given freed pages back."""
+"""Bytes of a worker that has decomposed and relit frames, has cleared its array cache and given freed pages back."""
 
 DECOMPOSING, DECOMPOSING_PIXEL, MOST = 0.615e9, 300, 2e9
 """Bytes of a worker that decomposes a frame, and of each pixel of it (measured: 0.58 to 0.62 GB at 256x384), and the

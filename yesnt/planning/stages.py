@@ -19,7 +19,7 @@ from yesnt.decompose.identity import BackendIdentity
 from yesnt.decompose.settings import REUSE_ONLY, keyframes_taken
 from yesnt.decompose.window import Window, plan_windows
 from yesnt.io.jobfile import frame_path, pass_patterns
-from yesnt.io.preview import REEL
+from yesnt.io.preview import SEGMENT_FRAMES
 from yesnt.io.records import key_of
 from yesnt.io.store import ArrayForm
 from yesnt.planning import settings as of
@@ -63,7 +63,7 @@ STAGES = {
         Stage("relight", 8, "frame", "plate, G-buffer, proxy, material, light",
               ("base_color", "diffuse", "specular", "shadow")),
         Stage("composite", 1, "frame", "diffuse, specular, background"),
-        Stage("preview", 3, "second of the film; then the shot", "the EXR sequence"),
+        Stage("preview", 4, "second of video; then the shot", "the EXR sequence"),
     )
 }  # fmt: skip
 """Every stage by name, in order."""
@@ -306,25 +306,26 @@ class ShotPlan:
         return self._node("composite", frame, settings, inputs, upstream, keys, {"job_digest": self.job_digest})
 
     @property
-    def reels(self) -> tuple[tuple[int, ...], ...]:
-        """Delivered frames by the reel of the film that holds them."""
-        return tuple(self.delivered[first : first + REEL] for first in range(0, len(self.delivered), REEL))
+    def segments(self) -> tuple[tuple[int, ...], ...]:
+        """Delivered frames by the segment of the preview video that holds them."""
+        starts = range(0, len(self.delivered), SEGMENT_FRAMES)
+        return tuple(self.delivered[first : first + SEGMENT_FRAMES] for first in starts)
 
-    def reel(self, index: int, keys: Keys) -> Node:
-        """A part of the film, coded as soon as its frames are delivered."""
-        frames = self.reels[index]
+    def segment(self, index: int, keys: Keys) -> Node:
+        """A segment of the preview video, encoded as soon as its frames are delivered."""
+        frames = self.segments[index]
         upstream = [("composite", frame) for frame in frames]
-        fields = self._fields("preview.reel", {"name": self.job.shot.name}, {}, upstream, keys)
+        fields = self._fields("preview.segment", {"name": self.job.shot.name}, {}, upstream, keys)
         needs = tuple(self._node_of(stage, frame) for stage, frame in upstream)
-        return Node("preview.reel", index, frames[:1], fields, needs, {"frames": frames}, transient=True)
+        return Node("preview.segment", index, frames[:1], fields, needs, {"frames": frames}, transient=True)
 
     def preview(self, keys: Keys) -> Node:
-        """The film and a contact sheet of what was delivered."""
-        upstream = [("preview.reel", frames[0]) for frames in self.reels]
+        """The preview video and a contact sheet of what was delivered."""
+        upstream = [("preview.segment", frames[0]) for frames in self.segments]
         fields = self._fields("preview", {}, {}, upstream, keys)
-        numbers = tuple(range(len(self.reels)))
-        needs = tuple(("preview.reel", number) for number in numbers)
-        return Node("preview", 0, (self.job.frames[0],), fields, needs, {"reels": numbers})
+        numbers = tuple(range(len(self.segments)))
+        needs = tuple(("preview.segment", number) for number in numbers)
+        return Node("preview", 0, (self.job.frames[0],), fields, needs, {"segments": numbers})
 
     def _material(self, loaded: Sequence[int]) -> list[tuple[str, int]]:
         """What stages before the solver know of these positions."""

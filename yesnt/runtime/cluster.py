@@ -10,15 +10,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from yesnt.core.errors import ClusterLostError, MissingPartError, UsageError
+from yesnt.core.threads import THREAD_VARIABLES, pin_threads
 
 if TYPE_CHECKING:
     from distributed import Client
-
-THREAD_VARIABLES = (
-    "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMEXPR_NUM_THREADS",
-    "NUMBA_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "BLOSC_NTHREADS", "OPENIMAGEIO_THREADS", "OPENEXR_THREADS",
-)  # fmt: skip
-"""Variables that pin libraries to one thread; they act only if set before the library starts."""
 
 ALLOCATOR = {
     "MALLOC_MMAP_THRESHOLD_": str(32 << 20), "MALLOC_TRIM_THRESHOLD_": str(512 << 20), "MALLOC_ARENA_MAX": "1",
@@ -119,34 +114,6 @@ def open_cluster(spec: ClusterSpec, modules: tuple[str, ...] = ()) -> Iterator[C
                 yield client
             finally:
                 _close(client)
-
-
-def pin_threads() -> dict[str, int]:
-    """Pins every library in this process to one thread; returns what each says of itself.
-
-    Libraries that are not used yet are left to the environment of the worker, so that nothing is imported for this;
-    the environment of a process that is not ours (a notebook, a test) is not touched.
-    """
-    import sys
-
-    counts: dict[str, int] = {}
-    if (torch := sys.modules.get("torch")) is not None:
-        torch.set_num_threads(1)
-        counts["torch"] = torch.get_num_threads()
-    if (numba := sys.modules.get("numba")) is not None:
-        numba.set_num_threads(1)
-        counts["numba"] = numba.get_num_threads()
-    if (cv2 := sys.modules.get("cv2")) is not None:
-        cv2.setNumThreads(1)
-        counts["opencv"] = cv2.getNumThreads()
-    if (oiio := sys.modules.get("OpenImageIO")) is not None:
-        oiio.attribute("threads", 1)
-        oiio.attribute("exr_threads", -1)  # -1: none beside the caller's own
-        counts["openimageio"] = oiio.get_int_attribute("threads")
-    if (openexr := sys.modules.get("OpenEXR")) is not None:
-        openexr.set_global_thread_count(0)  # 0: none beside the caller's own
-        counts["openexr"] = openexr.global_thread_count()
-    return counts
 
 
 def dask_settings() -> dict[str, Any]:

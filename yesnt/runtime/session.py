@@ -178,15 +178,15 @@ class Session:
                 if reasons is outcome.dead:
                     self._mark_dead(node, reason)
         lost = {stage_of(stage).name for stage, _ in (*outcome.failed, *outcome.dead)}
-        return bool(outcome.blocked and lost - {"preview"})  # a film has no frames that one could do without
+        return bool(outcome.blocked and lost - {"preview"})  # a video cannot leave out frames of its own
 
     def _sweep_transients(self) -> None:
-        """Removes what served its users only, once they are all done: earlier sweeps, windows, reels of the film."""
+        """Removes transient results once all their users are done: earlier sweeps, windows, video segments."""
         graph = self.graph()
         for stage, served in (("solve", "solve.*"), ("decompose", "window.*"), ("preview", "preview.*")):
             if all(is_done(self.book, node) for node in graph if node.stage == stage):
                 # Records first: no record without its frame.
-                for folder in (self.book.folder, self.output.store, self.output.reels):
+                for folder in (self.book.folder, self.output.store, self.output.segments):
                     for transient in folder.glob(served):
                         shutil.rmtree(transient)
 

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.core.shot import Job, Knob
-from yesnt.decompose.registry import open_backend
+from yesnt.core.shot import Knob
+from yesnt.decompose.identity import identify_backend
+from yesnt.decompose.registry import find_weights, open_backend
 from yesnt.decompose.reuse import Link, Prior, carry_back
 from yesnt.decompose.window import blend, estimate_clip, make_clip
-from yesnt.io import shot_inputs
 from yesnt.planning import settings as of
+from yesnt.tasks.inputs import input_changed
 from yesnt.tasks.workspace import Workspace
 
 Float32 = NDArray[np.float32]
@@ -24,7 +25,7 @@ def decompose(space: Workspace) -> None:
     """Mean and spread of the material of one frame."""
     job, frame = space.job, space.node.frames[0]
     if job.shot.decompose.path is not None:
-        mean, spread = shot_inputs.read_passes(job, frame)
+        mean, spread = space.inputs.passes()
         space.commit(frame, {"observed": mean, "spread": spread})
         return
     if space.node.arguments["mix"]:
@@ -33,7 +34,7 @@ def decompose(space: Workspace) -> None:
     from yesnt.decompose.ensemble import estimate_frame
 
     plate = space.plate(frame)
-    backend = _chosen_backend(job)
+    backend = _chosen_backend(space)
     settings, prior = of.ensemble_settings(job.shot), _carried(space, plate.matte)
     with space.kernel():
         estimate = estimate_frame(plate.color, plate.matte, backend, settings, job.shot.seed, frame, prior)
@@ -45,7 +46,7 @@ def window(space: Workspace) -> None:
     """Mean and spread of the material of every frame of one window, drawn together by a video backend."""
     job, frames = space.job, space.node.frames
     plates = [space.plate(frame) for frame in frames]
-    backend = _chosen_backend(job)
+    backend = _chosen_backend(space)
     clip = make_clip([p.color for p in plates], [p.matte for p in plates], frames, backend.footprint.window)
     with space.kernel():
         estimate = estimate_clip(clip, backend, of.ensemble_settings(job.shot), job.shot.seed)
@@ -68,10 +69,12 @@ def _blend_windows(space: Workspace) -> None:
     space.commit(frame, arrays, facts={"evaluations": spent})
 
 
-def _chosen_backend(job: Job) -> Any:
-    """The backend that the job names, opened once a worker."""
-    chosen, knobs = job.shot.decompose, tuple(sorted(of.backend_knobs(job.shot).items()))
-    return _backend(chosen.backend, of.weights_path(job.root, job.shot), chosen.accept_license, knobs)
+def _chosen_backend(space: Workspace) -> Any:
+    """The backend that the job names, with the weights that the node's key holds; it stays in the worker."""
+    job, chosen = space.job, space.job.shot.decompose
+    knobs = tuple(sorted(of.backend_knobs(job.shot).items()))
+    digest: str = space.node.fields["settings"]["backend"]["weights"]
+    return _backend(chosen.backend, of.weights_path(job.root, job.shot), digest, chosen.accept_license, knobs)
 
 
 def _carried(space: Workspace, matte: Float32) -> Prior | None:
@@ -88,6 +91,15 @@ def _carried(space: Workspace, matte: Float32) -> Prior | None:
 
 
 @lru_cache(maxsize=1)
-def _backend(name: str, weights: Path | None, accepted: tuple[str, ...], knobs: tuple[tuple[str, Knob], ...]) -> Any:
-    """The model stays in the worker: loading it costs more than a frame."""
-    return open_backend(name, weights, accepted, dict(knobs))
+def _backend(
+    name: str, weights: Path | None, digest: str, accepted: tuple[str, ...], knobs: tuple[tuple[str, Knob], ...]
+) -> Any:
+    """Loading a model costs more than a frame, so the last one is kept.
+
+    Raises:
+        JobError: the weights are not those of this digest: they were replaced while the job runs.
+    """
+    backend = open_backend(name, weights, accepted, dict(knobs))
+    if identify_backend(name, weights, accepted, dict(knobs)).weights != digest:
+        raise input_changed(find_weights(name, weights))
+    return backend

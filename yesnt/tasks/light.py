@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +19,7 @@ from yesnt.core.camera import Camera
 from yesnt.core.shot import CaptureInput, Job, LightInput
 from yesnt.io import shot_inputs
 from yesnt.io.jobfile import frame_path
+from yesnt.tasks.inputs import prove_input
 
 if TYPE_CHECKING:
     from yesnt.relight import EnvMap, PreparedLight, RelightSettings, Surface
@@ -39,8 +41,6 @@ def frame_map(job: Job, spec: MapInput | None, frame: int) -> EnvMap:
 
 def read_map(path: str, spec: MapInput) -> EnvMap:
     """A file's map as the job wants it."""
-    from pathlib import Path
-
     from yesnt.relight import EnvMap
 
     radiance, _ = shot_inputs.read_radiance(Path(path))
@@ -70,7 +70,7 @@ class LightFiles:
     Attributes:
         job: names the light and the capture light.
         frame: frame number; selects a map where there is one per frame.
-        digests: content digests by role: "light", "capture", "probe ..." (of the frames that an estimate reads).
+        digests: content digests by role: "light", "capture"; of an estimate "camera" and "probe ..." (its frames).
             Prepared lights are cached by them: a map that changed on disk is never served from a worker's cache.
     """
 
@@ -81,12 +81,7 @@ class LightFiles:
     @classmethod
     def read(cls, job: Job, frame: int) -> LightFiles:
         """With the digests of the files as they are now."""
-        specs: dict[str, MapInput | None] = {"light": job.shot.light, "capture": job.shot.capture_light}
-        paths = {role: frame_path(job.root, spec.path, frame) for role, spec in specs.items() if spec and spec.path}
-        if job.shot.capture_light is not None and job.shot.capture_light.estimate:
-            for probe in job.probe_frames:
-                paths[f"probe plate {probe}"] = frame_path(job.root, job.shot.plate.path, probe)
-                paths[f"probe gbuffer {probe}"] = frame_path(job.root, job.shot.gbuffer.path, probe)
+        paths = _map_paths(job, frame)
         return cls(job, frame, {role: shot_inputs.file_digest(path) for role, path in paths.items()})
 
 
@@ -115,23 +110,48 @@ def backdrop(files: LightFiles, camera: Camera) -> NDArray[np.float32]:
 
 
 class _Known:
-    """A map, known by its spec and the digests of the files that make it."""
+    """A map, identified by its settings and the digests of the files that it is made from."""
 
     def __init__(self, files: LightFiles, spec: MapInput | None, role: str) -> None:
         self.job, self.spec, self.frame = files.job, spec, files.frame
-        probes = tuple(digest for name, digest in sorted(files.digests.items()) if name.startswith("probe "))
-        self.key = (spec, files.digests.get(role), probes if isinstance(spec, CaptureInput) else ())
+        shot, digests, seen = files.job.shot, files.digests, None
+        self._files: dict[str, str] = {role: digests[role]} if spec is not None and role in digests else {}
+        if isinstance(spec, CaptureInput) and spec.estimate:
+            self._files |= {name: digests[name] for name in sorted(digests) if name.startswith("probe ")}
+            self._files["camera"] = digests["camera"]
+            seen = (shot.plate.colorspace, shot.gbuffer)
+        self._key = (spec, tuple(self._files.items()), seen)
 
     def __hash__(self) -> int:
-        return hash(self.key)
+        return hash(self._key)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Known) and other.key == self.key
+        return isinstance(other, _Known) and other._key == self._key
+
+    def prove(self) -> None:
+        """Raises JobError if a file is not the one that its digest names."""
+        paths = _map_paths(self.job, self.frame)
+        for role, digest in self._files.items():
+            prove_input(paths[role], digest)
+
+
+def _map_paths(job: Job, frame: int) -> dict[str, Path]:
+    """Role -> file, for every file that the maps of a frame are made from."""
+    specs: dict[str, MapInput | None] = {"light": job.shot.light, "capture": job.shot.capture_light}
+    paths = {role: frame_path(job.root, spec.path, frame) for role, spec in specs.items() if spec and spec.path}
+    if job.shot.capture_light is not None and job.shot.capture_light.estimate:
+        paths["camera"] = frame_path(job.root, job.shot.camera, frame)
+        for probe in job.probe_frames:
+            paths[f"probe plate {probe}"] = frame_path(job.root, job.shot.plate.path, probe)
+            paths[f"probe gbuffer {probe}"] = frame_path(job.root, job.shot.gbuffer.path, probe)
+    return paths
 
 
 @lru_cache(maxsize=2)
 def _map(known: _Known) -> EnvMap:
-    return frame_map(known.job, known.spec, known.frame)
+    env = frame_map(known.job, known.spec, known.frame)
+    known.prove()
+    return env
 
 
 def _seen(known: _Known, place: tuple[float, ...] | None) -> EnvMap:

@@ -10,17 +10,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.core.camera import Camera
 from yesnt.core.channels import CHANNELS, DELIVERED
 from yesnt.core.color import CHROMATICITIES_REC709
 from yesnt.core.shot import Job, Shot
-from yesnt.io import shot_inputs
+from yesnt.core.threads import pin_threads
 from yesnt.io.exr import write_exr
 from yesnt.io.jobfile import frame_path
 from yesnt.io.shot_inputs import file_digest
 from yesnt.planning import settings as of
 from yesnt.planning.graph import Node
-from yesnt.runtime.cluster import pin_threads
+from yesnt.tasks.inputs import read_proven
 from yesnt.tasks.light import LightFiles, backdrop, prepared_lights
 from yesnt.tasks.workspace import Workspace, release_memory, trim_memory
 
@@ -77,7 +76,7 @@ def flow(space: Workspace) -> None:
     now, then = space.plate(frame), space.plate(after)
     settings = of.flow_settings(job.shot)
     if job.shot.flow.path is not None:
-        vectors = shot_inputs.read_flow(job, frame)
+        vectors = space.inputs.flow()
         with space.kernel():
             inside = now.matte > 0.5, then.matte > 0.5
             validity = flow_validity(vectors, None, now.color, then.color, *inside, settings)
@@ -116,9 +115,9 @@ def relight(space: Workspace) -> None:
     from yesnt.tasks import relight_inputs
 
     job, frame = space.job, space.node.frames[0]
-    camera = _camera(str(frame_path(job.root, job.shot.camera, 0)))
+    camera = space.camera()
     plate, seen = space.plate(frame), space.surface(frame, camera)
-    material, mesh = space.read("solve", "material", frame), relight_inputs.read_proxy(job, frame)
+    material, mesh = space.read("solve", "material", frame), space.inputs.proxy()
     settings = of.relight_settings(job.shot)
     with space.kernel():
         proxy = relight_inputs.proxy_scene(mesh, ProxyScene)
@@ -141,10 +140,10 @@ def composite(space: Workspace) -> None:
     from yesnt.scene.composite import associate, over
 
     job, frame = space.job, space.node.frames[0]
-    camera = _camera(str(frame_path(job.root, job.shot.camera, 0)))
+    camera = space.camera()
     plate, surface = space.plate(frame), space.surface(frame, camera)
     diffuse, specular, shadow = (space.read("relight", name, frame) for name in ("diffuse", "specular", "shadow"))
-    background = shot_inputs.read_background(job, frame)
+    background = space.inputs.background()
     with space.kernel():
         if background is None:
             background = backdrop(_light_files(space), camera)
@@ -167,18 +166,18 @@ def composite(space: Workspace) -> None:
 
 
 def preview(space: Workspace) -> None:
-    """A reel of the film, or the film and the contact sheet from all reels."""
-    from yesnt.io.preview import join_reels, write_reel
+    """A segment of the preview video, or the whole video and the contact sheet from all segments."""
+    from yesnt.io.preview import join_segments, write_segment
 
     output, arguments = space.output, space.node.arguments
-    if "reels" in arguments:
-        reels, strips = zip(*(output.reel_paths(number) for number in arguments["reels"]), strict=True)
+    if "segments" in arguments:
+        segments, strips = zip(*(output.segment_paths(number) for number in arguments["segments"]), strict=True)
         files = output.run / "preview.mp4", output.run / "contact_sheet.png"
-        join_reels(reels, strips, *files)
+        join_segments(segments, strips, *files)
     else:
-        files = output.reel_paths(space.node.index)
+        files = output.segment_paths(space.node.index)
         files[0].parent.mkdir(parents=True, exist_ok=True)
-        write_reel([output.exr_path(space.job.shot.name, frame) for frame in arguments["frames"]], *files)
+        write_segment([output.exr_path(space.job.shot.name, frame) for frame in arguments["frames"]], *files)
     digests = {str(path.relative_to(output.root)): file_digest(path) for path in files}
     space.commit(space.node.frames[0], {}, digests)
 
@@ -220,22 +219,16 @@ def _light_files(space: Workspace) -> LightFiles:
 def _matcher(job: Job, digest: str) -> Matcher:
     """The learned flow that a job names."""
     assert job.shot.flow.weights is not None
-    return _spynet(str(frame_path(job.root, job.shot.flow.weights, 0)), digest)
+    return _spynet(frame_path(job.root, job.shot.flow.weights, 0), digest)
 
 
 @lru_cache(maxsize=1)
-def _spynet(path: str, digest: str) -> Matcher:
-    """A network stays in the worker; the digest of its weights is part of what it is remembered by."""
+def _spynet(path: Path, digest: str) -> Matcher:
+    """The network of these weights; it stays in the worker."""
     from yesnt.decompose.threads import one_thread
     from yesnt.temporal.spynet import open_spynet
 
-    del digest
-    return one_thread()(open_spynet(Path(path)).__call__)
-
-
-@lru_cache(maxsize=4)
-def _camera(path: str) -> Camera:
-    return Camera.open(path)
+    return one_thread()(read_proven(path, digest, lambda: open_spynet(path)).__call__)
 
 
 _TASKS: dict[str, Callable[[Workspace], None]] = {

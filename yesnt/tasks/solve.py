@@ -132,7 +132,7 @@ def solve_window(space: Workspace, window: Window, start: Float32 | None) -> tup
         geometry = build_geometry(window.matte, Part(links, 0), Part(links, 1), window.fixed)
         _drop_spatial_terms(geometry, space, window)
     lists = BlockLists(geometry, data, confidence, data if start is None else start)
-    release_memory()  # what reading left on the shelf
+    release_memory()  # the cache is full of what was read
     with space.kernel():
         value, stats = solve_lists(lists, params, SETTLED * temporal.tolerance, temporal.method)
     facts = {"iterations": stats.iterations, "gap": stats.gap, "pixels": stats.pixels, "rows": window.matte.shape[1]}

@@ -8,7 +8,7 @@ import os
 import platform
 import resource
 import time
-from collections.abc import Hashable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from functools import cached_property
 from pathlib import Path
@@ -21,20 +21,20 @@ from yesnt.core.camera import Camera
 from yesnt.core.errors import CorruptError
 from yesnt.core.shot import Job
 from yesnt.io import shot_inputs
-from yesnt.io.array_cache import Shelf, file_identity
-from yesnt.io.jobfile import frame_path
+from yesnt.io.array_cache import ArrayCache
 from yesnt.io.output import OutputFolder
 from yesnt.io.records import Record, RecordBook
 from yesnt.io.store import FrameStore
 from yesnt.planning.graph import Node
+from yesnt.tasks.inputs import TaskInputs
 
 Float32 = NDArray[np.float32]
 
-_SHELF = Shelf()
-"""Of this worker process; what it holds is never more than a copy of what is on the disk."""
+_ARRAYS = ArrayCache()
+"""Decoded frames and pictures of this worker process, keyed by the digest of their content."""
 
-_MATTES = Shelf(8 << 20)
-"""Mattes as bits, a sixtieth of their plates: solving wants those of many frames, whose plates have left the shelf."""
+_MATTES = ArrayCache(8 << 20)
+"""Mattes as bits, a sixtieth of their plates: the solver needs those of many frames, whose plates were evicted."""
 
 
 class Clock:
@@ -102,13 +102,18 @@ class Workspace:
         """Counts the time inside as kernel time (the rest is reading, writing and waiting)."""
         return self.clock.kernel_time()
 
+    @cached_property
+    def inputs(self) -> TaskInputs:
+        """The job's input files, proven against the node's key."""
+        return TaskInputs(self.job, self.node, self.book)
+
     def plate(self, frame: int) -> shot_inputs.Plate:
-        """The plate of a frame; not to be written to, since other stages share it."""
+        """The plate of a frame; stages share it, so it must not be written to."""
         key = self._plate_key(frame)
         with self.clock.reading_time():
-            plate = _SHELF.fetch(
+            plate = _ARRAYS.fetch(
                 ("plate", *key),
-                lambda: shot_inputs.read_plate(self.job, frame),
+                lambda: self.inputs.plate(frame, key[0]),
                 lambda plate: (plate.color, plate.matte),
             )
             _MATTES.fetch(("matte", *key), lambda: _bits(plate), lambda bits: (bits,))
@@ -122,19 +127,22 @@ class Workspace:
             size = self.job.height * self.job.width
             return np.unpackbits(bits, count=size).view(np.bool_).reshape(self.job.height, self.job.width)
 
-    def _plate_key(self, frame: int) -> tuple[Hashable, ...]:
-        spec = self.job.shot.plate
-        identity = file_identity(frame_path(self.job.root, spec.path, frame))
-        return identity, spec.colorspace, self.job.width, self.job.height
+    def _plate_key(self, frame: int) -> tuple[str, str, int, int]:
+        """Digest of the plate's file, and what its decoding depends on beside that."""
+        return self.inputs.digest("plate", frame), self.job.shot.plate.colorspace, self.job.width, self.job.height
+
+    def camera(self) -> Camera:
+        """The shot's camera."""
+        with self.clock.reading_time():
+            return self.inputs.camera()
 
     def surface(self, frame: int, camera: Camera) -> shot_inputs.Surface:
         """The G-buffer of a frame, normals in world space; not to be written to."""
-        spec = self.job.shot.gbuffer
-        files = (file_identity(frame_path(self.job.root, path, frame)) for path in (spec.path, self.job.shot.camera))
+        digest, seen_by = self.inputs.digest("gbuffer", frame), self.inputs.digest("camera", frame)
         with self.clock.reading_time():
-            return _SHELF.fetch(
-                ("surface", *files, spec, frame),
-                lambda: shot_inputs.read_surface(self.job, frame, camera),
+            return _ARRAYS.fetch(
+                ("surface", digest, seen_by, self.job.shot.gbuffer, frame, self.job.width, self.job.height),
+                lambda: self.inputs.surface(frame, camera, digest),
                 lambda surface: (surface.normal, surface.z),
             )
 
@@ -146,7 +154,7 @@ class Workspace:
         """
         digest = self._committed(stage, array, frame)  # of the content: equal digests are equal frames
         with self.clock.reading_time():
-            return _SHELF.fetch(
+            return _ARRAYS.fetch(
                 ("frame", digest),
                 lambda: self.store.read(array, self.job.position(frame), digest),
                 lambda values: (values,),
@@ -202,9 +210,9 @@ class Workspace:
         self.book.commit(Record(node.stage, frame, node.frame_key(frame), fields, arrays, files, seconds, facts))
 
     def _keep(self, name: str, position: int, values: Float32) -> str:
-        """Writes one array and puts it on the shelf: the next stage of this frame most often runs here."""
+        """Writes one array and caches it: the next stage of this frame most often runs on this worker."""
         digest = self.store.write(name, position, values)
-        _SHELF.put(("frame", digest), np.array(values, np.float32), values.nbytes)
+        _ARRAYS.put(("frame", digest), np.array(values, np.float32), values.nbytes)
         return digest
 
     @property
@@ -253,12 +261,12 @@ def _bits(plate: shot_inputs.Plate) -> NDArray[np.uint8]:
 
 
 def release_memory() -> None:
-    """Clears the shelf and gives freed pages back to the system.
+    """Clears the array cache and gives freed pages back to the system.
 
-    A worker keeps what it freed for its next frame (`cluster.ALLOCATOR`). Before a task whose own lists are large, that
-    would stack the high water of one stage on another's.
+    A worker keeps the pages that it freed for its next frame (`cluster.ALLOCATOR`). Before a task with large lists of
+    its own, the peak memory of one stage would otherwise add to that of another.
     """
-    _SHELF.clear()
+    _ARRAYS.clear()
     trim_memory()
 
 

@@ -6,11 +6,11 @@ from collections.abc import Callable
 from typing import Any
 
 from yesnt.core.shot import Job
+from yesnt.core.threads import pin_threads
 from yesnt.measure.evaluation.remains import bounces
 from yesnt.measure.evaluation.scorer import judge, search
 from yesnt.measure.evaluation.sequence_tasks import exact, film, material
 from yesnt.planning.graph import Node
-from yesnt.runtime.cluster import pin_threads
 from yesnt.tasks.run import run_node
 from yesnt.tasks.workspace import Workspace
 

@@ -1,0 +1,171 @@
+"""Input files of a task, identified by content.
+
+A worker outlives runs: between two of them an artist replaces a camera, a light or a plate under the same path. So
+every cache of a worker is keyed by the digest that the task's key holds, and a file that is read is compared with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+from numpy.typing import NDArray
+
+from yesnt.core.camera import Camera
+from yesnt.core.errors import JobError
+from yesnt.core.shot import Job
+from yesnt.io import shot_inputs
+from yesnt.io.jobfile import frame_path, pass_patterns
+from yesnt.io.records import RecordBook
+from yesnt.io.shot_inputs import file_digest
+from yesnt.planning.graph import Node
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from yesnt.io.mesh import Mesh
+
+T = TypeVar("T")
+
+_READERS_OF_INPUTS = ("relight", "decompose", "flow")
+"""Stages whose records name plates, G-buffers and cameras; a later stage looks their digests up there."""
+
+
+def read_proven(path: Path, digest: str | None, read: Callable[[], T]) -> T:
+    """Reads a file and proves that it is the one with this digest (None: there is nothing to compare with).
+
+    The digest is taken after reading, so that a file that is replaced in between is noticed too.
+
+    Raises:
+        JobError: the file is another one.
+    """
+    value = read()
+    prove_input(path, digest)
+    return value
+
+
+def prove_input(path: Path, digest: str | None) -> None:
+    """Raises JobError unless the file has this digest; None passes."""
+    if digest is not None and file_digest(path) != digest:
+        raise input_changed(path)
+
+
+def input_changed(path: Path) -> JobError:
+    """The error of an input that was replaced after its digest was taken."""
+    return JobError(
+        "An input has changed while the job runs", str(path), "the file that the run began with",
+        "run again: what depends on it is made anew",
+    )  # fmt: skip
+
+
+class TaskInputs:
+    """Reads the input files of a task.
+
+    Args:
+        job: the job.
+        node: the node that runs; its fields name the inputs and their digests.
+        book: records of the stages before, for inputs that the node depends on through them.
+    """
+
+    def __init__(self, job: Job, node: Node, book: RecordBook) -> None:
+        self._job, self._node, self._book = job, node, book
+
+    def digest(self, role: str, frame: int) -> str:
+        """The digest of the file that a role (`plate`, `gbuffer`, `camera`) has in a frame.
+
+        It is what the node's key, or a record that the key includes, says of the file; of another file it is computed.
+        """
+        known = self._own(role, frame) or self._recorded(role, frame)
+        return known if known is not None else file_digest(self.path(role, frame))
+
+    def path(self, role: str, frame: int) -> Path:
+        """The file of a role in a frame."""
+        shot = self._job.shot
+        patterns = {"plate": shot.plate.path, "gbuffer": shot.gbuffer.path, "camera": shot.camera}
+        return frame_path(self._job.root, patterns[role], frame)
+
+    def camera(self) -> Camera:
+        """The shot's camera; kept in the worker."""
+        frame = self._node.frames[0]
+        return _camera(self.path("camera", frame), self.digest("camera", frame))
+
+    def plate(self, frame: int, digest: str) -> shot_inputs.Plate:
+        """The plate of a frame, which has this digest."""
+        read = shot_inputs.read_plate
+        return read_proven(self.path("plate", frame), digest, lambda: read(self._job, frame))
+
+    def surface(self, frame: int, camera: Camera, digest: str) -> shot_inputs.Surface:
+        """The G-buffer of a frame, which has this digest; normals in world space."""
+        read = shot_inputs.read_surface
+        return read_proven(self.path("gbuffer", frame), digest, lambda: read(self._job, frame, camera))
+
+    def passes(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Mean and spread [2, H, W] of the material passes of the node's frame."""
+        frame, pattern = self._node.frames[0], self._job.shot.decompose.path
+        assert pattern is not None
+        found = shot_inputs.read_passes(self._job, frame)
+        for name, one in pass_patterns(pattern).items():
+            self._prove(name, one)
+        return found
+
+    def flow(self) -> NDArray[np.float32]:
+        """The precomputed flow [H, W, 2] of the node's frame, pixels."""
+        found = shot_inputs.read_flow(self._job, self._node.frames[0])
+        self._prove("flow", self._job.shot.flow.path)
+        return found
+
+    def background(self) -> NDArray[np.float32] | None:
+        """The background [H, W, 3] of the node's frame, or None if the job names none."""
+        if self._job.shot.background is None:
+            return None
+        found = shot_inputs.read_background(self._job, self._node.frames[0])
+        self._prove("background", self._job.shot.background.path)
+        return found
+
+    def proxy(self) -> Mesh | None:
+        """The proxy mesh of the node's frame, or None if the job names none."""
+        if self._job.shot.proxy is None:
+            return None
+        from yesnt.io.mesh import read_mesh
+
+        mesh = read_mesh(frame_path(self._job.root, self._job.shot.proxy.path, self._node.frames[0]))
+        self._prove("proxy", self._job.shot.proxy.path)
+        return mesh
+
+    def _prove(self, role: str, pattern: str | None) -> None:
+        assert pattern is not None
+        prove_input(frame_path(self._job.root, pattern, self._node.frames[0]), self._inputs.get(role))
+
+    @property
+    def _inputs(self) -> Mapping[str, str]:
+        inputs: Mapping[str, str] = self._node.fields.get("inputs", {})
+        return inputs
+
+    def _own(self, role: str, frame: int) -> str | None:
+        """The digest that the node's own fields hold."""
+        inputs, frames = self._inputs, self._job.frames
+        if f"{role} {frame}" in inputs:
+            return inputs[f"{role} {frame}"]
+        if frame == self._node.frames[0]:
+            return inputs.get(role)
+        follows = frames.index(frame) == frames.index(self._node.frames[0]) + 1
+        return inputs.get(f"next_{role}") if follows else None
+
+    def _recorded(self, role: str, frame: int) -> str | None:
+        """The digest in the record of a stage that the node's key includes."""
+        upstream = self._node.fields.get("upstream", {})
+        for stage in _READERS_OF_INPUTS:
+            if (key := upstream.get(f"{stage} {frame}")) is None:
+                continue
+            record = self._book.done(stage, frame, key)
+            if record is not None and role in record.fields.get("inputs", {}):
+                found: str = record.fields["inputs"][role]
+                return found
+        return None
+
+
+@lru_cache(maxsize=4)
+def _camera(path: Path, digest: str) -> Camera:
+    return read_proven(path, digest, lambda: Camera.open(path))

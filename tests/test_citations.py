@@ -144,6 +144,36 @@ def wrong_commands(path: Path) -> Iterator[str]:
             yield f"`yesnt {verb}`: there is no such verb"
 
 
+def wrong_options(path: Path) -> Iterator[str]:
+    """Options of benchmarks and verbs, in commands on pages and in docstrings."""
+    if path.name == "roadmap.md":
+        return
+    for name, rest in re.findall(r"tests/benchmarks/(\w+\.py)([^`\n]*)", prose(path)):
+        text = (
+            (ROOT / "tests" / "benchmarks" / name).read_text()
+            if (ROOT / "tests" / "benchmarks" / name).exists()
+            else ""
+        )
+        for option in re.findall(r"(?<= )\[?(--[a-z][a-z-]*)", rest):
+            if text and f'"{option}"' not in text:
+                yield f"{name} has no option {option}"
+    for verb, rest in re.findall(r"(?:^|`|&& )yesnt ([a-z]+)([^`#&\n]*)", prose(path), re.M):
+        for option in re.findall(r"(?<= )\[?(--[a-z][a-z-]*)", rest):
+            if verb in verbs() and option not in options(verb):
+                yield f"`yesnt {verb}` has no option {option}"
+
+
+@cache
+def options(verb: str) -> frozenset[str]:
+    """Options of a verb."""
+    import typer.main
+
+    from yesnt.cli.app import app
+
+    command = typer.main.get_command(app).commands[verb]  # type: ignore[attr-defined]
+    return frozenset(name for parameter in command.params for name in parameter.opts) | {"--help"}
+
+
 @cache
 def verbs() -> frozenset[str]:
     """Verbs of the command line."""
@@ -155,7 +185,7 @@ def verbs() -> frozenset[str]:
 
 @pytest.mark.parametrize("path", [*CODE, *PAGES, *OTHER], ids=ids)
 def test_every_citation_resolves(path: Path) -> None:
-    checks = (wrong_documents, wrong_files, wrong_names, wrong_commands)
+    checks = (wrong_documents, wrong_files, wrong_names, wrong_commands, wrong_options)
     wrong = [problem for check in checks for problem in check(path)]
     assert not wrong, f"{ids(path)}: " + "; ".join(wrong)
 
@@ -170,7 +200,9 @@ def test_a_wrong_citation_is_seen(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text(
         'method.md section 99, [x](nowhere.md), contract.md, "No such heading", `yesnt/nothing.py`, `relight/none.py`, '
-        "`yesnt.nothing.at_all`, `make nothing`, `yesnt nothing`, `embedded.NOT_THERE`"
+        "`yesnt.nothing.at_all`, `make nothing`, `yesnt nothing`, `embedded.NOT_THERE`, `yesnt run --nothing`, "
+        "`python tests/benchmarks/temporal_speed.py --nothing`"
     )
-    wrong = [p for check in (wrong_documents, wrong_files, wrong_names, wrong_commands) for p in check(page)]
-    assert len(wrong) >= 9, wrong
+    checks = (wrong_documents, wrong_files, wrong_names, wrong_commands, wrong_options)
+    wrong = [problem for check in checks for problem in check(page)]
+    assert len(wrong) >= 11, wrong

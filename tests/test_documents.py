@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 import dataclasses
+import importlib
 import importlib.util
 import inspect
 import re
@@ -230,6 +232,21 @@ def test_python_of_the_contract_is_callable() -> None:
     assert callable(EnvMap.open)
     assert callable(EnvMap.from_array)
     assert EnergyParams()
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if "```python" in p.read_text()], ids=lambda p: p.name)
+def test_python_on_the_pages_imports_and_calls_what_exists(page: Path) -> None:
+    for block in code_blocks(page.read_text(), "python"):
+        tree, known = ast.parse(block), {}
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom) and node.module:
+                module = importlib.import_module(node.module)
+                known |= {alias.name: getattr(module, alias.name) for alias in node.names}
+        for call in (node for node in ast.walk(tree) if isinstance(node, ast.Call)):
+            function = known.get(getattr(call.func, "id", ""))
+            if function is not None:
+                given = {keyword.arg: None for keyword in call.keywords if keyword.arg}
+                inspect.signature(function).bind(*call.args, **given)
 
 
 # --- defaults of the method

@@ -54,18 +54,18 @@ def sparsification(error, std):
 
 
 class Regression:
-    """The embedded reader alone: what it expects, without a draw; a regression network of the same size."""
+    """The embedded estimator alone: what it predicts_mean, without a draw; a regression network of the same size."""
 
     def __init__(self, backend):
         self._backend = backend
 
     def __getattr__(self, name):
-        if name == "expect":  # then its mean would be mixed with itself
+        if name == "predict_mean":  # then its mean would be mixed with itself
             raise AttributeError(name)
         return getattr(self._backend, name)
 
     def sample(self, condition, noise):
-        return self._backend.expect(condition)
+        return self._backend.predict_mean(condition)
 
 
 def measure(truth, mean, std):
@@ -115,7 +115,7 @@ def main():
     settings = EnsembleSettings(options.samples, tolerance=options.tolerance)
     plates = sorted(options.folder.glob("plate.*.exr"))
     chosen = [plates[i] for i in np.unique(np.linspace(0, len(plates) - 1, options.frames).astype(int))]
-    parts, strips, seconds, evaluations, regressed = [], [], [], [], []
+    parts, strips, seconds, nfe, regressed = [], [], [], [], []
     for path in chosen:
         number = path.name.split(".")[1]
         plate = read_image(path).stack("RGBA")
@@ -124,7 +124,7 @@ def main():
         start = time.perf_counter()
         estimate = estimate_frame(rgb, matte, backend, settings, 0, int(number))
         seconds.append(time.perf_counter() - start)
-        evaluations.append(estimate.total_evaluations)
+        nfe.append(estimate.total_nfe)
         alone = estimate_frame(rgb, matte, Regression(backend), EnsembleSettings(1), 0, int(number))
         inside = matte > 0.99
         regressed.append(alone.mean[:, inside] - truth[inside].T)
@@ -135,7 +135,7 @@ def main():
         figures[name]["rmse_of_the_regression"] = rmse(plane)
     figures["seconds_per_frame"], figures["evaluations_per_frame"] = (
         float(np.median(seconds)),
-        float(np.mean(evaluations)),
+        float(np.mean(nfe)),
     )
     if options.picture:
         picture = (np.concatenate(strips[:2]) * 255).clip(0, 255).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""Sampling that stops and keyframes against 16 members on every frame: evaluations and error after temporal fusion.
+"""Sampling that stops and keyframes against 16 members on every frame: nfe and error after temporal fusion.
 
 python tests/benchmarks/decompose_adaptive.py FOLDER [FOLDER ...] [--frames 12] [--weights FILE] [--steps 2]
 
@@ -62,16 +62,16 @@ def main() -> None:
             truth = np.stack([true_material(folder, frame) for frame in lab.frames], axis=1)
             inside = np.stack([plate.matte > 0.99 for plate in lab.plates])
             print(f"{folder.name}, {len(lab.frames)} frames, {options.steps} steps")
-            print(f"{'case':26s} evaluations  fewer  roughness: drawn  fused   metallic: drawn  fused  rank of spread")
+            print(f"{'case':26s} nfe  fewer  roughness: drawn  fused   metallic: drawn  fused  rank of spread")
             whole = 0
             for name, settings in CASES.items():
                 mean, std, spent = lab.observe(settings, {"steps": options.steps}, "dis-quality")
                 fused, _ = lab.fuse(mean, std, "dis-quality", 1e-4)
                 drawn, solved = (np.sqrt(((v - truth) ** 2)[:, inside].mean(1)) for v in (mean, fused))
-                whole = whole or spent.evaluations
+                whole = whole or spent.nfe
                 ranks = rank_correlation(std[0][inside], np.abs(mean - truth)[0][inside])
                 print(
-                    f"{name:26s} {spent.evaluations / len(lab.frames):11.1f}  {whole / spent.evaluations:5.1f}"
+                    f"{name:26s} {spent.nfe / len(lab.frames):11.1f}  {whole / spent.nfe:5.1f}"
                     f"  {drawn[0]:16.4f} {solved[0]:6.4f} {drawn[1]:16.4f} {solved[1]:6.4f}  {ranks:14.2f}",
                     flush=True,
                 )

@@ -3,7 +3,7 @@
 python tests/benchmarks/decompose_auxiliary.py FOLDER... [--weights FILE] [--samples 8] [--picture OUT.png]
 
 Each FOLDER holds plate.####.exr and truth/material.####.exr; its middle frame is judged, opacity above 0.99. Columns:
-the error of what is expected of roughness (before any draw) for every share of `embedded.TRUST`, and of the best
+the error of what is expected of roughness (before any draw) for every share of `embedded.SHRINKAGE_FACTOR`, and of the best
 constant of that shot; the metallic's area under the curve (nan where there is no metal, or nothing else); rank
 correlation of the ensemble's spread with its error, roughness and metallic. Last the root mean squares, the best single
 roughness for all, and the means of the rest.
@@ -21,7 +21,7 @@ from decompose_accuracy import Regression, area_under_curve, rmse, strip
 from scipy.stats import spearmanr
 
 from yesnt.core.color import straighten
-from yesnt.decompose.embedded import PRIOR_ROUGHNESS, TRUST, EmbeddedBackend
+from yesnt.decompose.embedded import PRIOR_ROUGHNESS, SHRINKAGE_FACTOR, EmbeddedBackend
 from yesnt.decompose.ensemble import estimate_frame
 from yesnt.decompose.settings import EnsembleSettings
 from yesnt.decompose.weights import SHIPPED
@@ -47,7 +47,7 @@ def judge(folder, backend, samples):
     read = estimate_frame(rgb, matte, Regression(backend), EnsembleSettings(1), 0, number).mean
     drawn = estimate_frame(rgb, matte, backend, EnsembleSettings(samples), 0, number)
     rough, metal = truth[inside].T
-    free = PRIOR_ROUGHNESS + (read[0][inside] - PRIOR_ROUGHNESS) / TRUST
+    free = PRIOR_ROUGHNESS + (read[0][inside] - PRIOR_ROUGHNESS) / SHRINKAGE_FACTOR
     figures = [rmse(PRIOR_ROUGHNESS + share * (free - PRIOR_ROUGHNESS) - rough) for share in SHARES]
     figures += [rough.std(), area_under_curve(read[1][inside], metal > 0.5)]
     error = np.abs(drawn.mean[:, inside] - [rough, metal])

@@ -22,7 +22,7 @@ from yesnt.decompose.ensemble import estimate_frame
 from yesnt.decompose.settings import EnsembleSettings
 from yesnt.decompose.weights import SHIPPED
 from yesnt.training.bodies import make_bodies
-from yesnt.training.pictures import everybody, make_person, make_thing, open_views, person_path, thing_path
+from yesnt.training.pictures import interleaved_people, make_object, make_person, object_path, open_views, person_path
 from yesnt.training.synthetic.materials import CLASSES
 
 SEED = 1
@@ -30,14 +30,14 @@ SEED = 1
 
 def archive(folder, people, things):
     """Files of the pictures, made if they are not there."""
-    numbers = everybody()[:people]
+    numbers = interleaved_people()[:people]
     if people:
         bodies = make_bodies(0, folder / "bodies", anny_only(folder))
         for number in numbers:
             make_person(folder, SEED, number, bodies)
     for number in range(things):
-        make_thing(folder, SEED, number)
-    return [person_path(folder, SEED, n) for n in numbers] + [thing_path(folder, SEED, n) for n in range(things)]
+        make_object(folder, SEED, number)
+    return [person_path(folder, SEED, n) for n in numbers] + [object_path(folder, SEED, n) for n in range(things)]
 
 
 def judged(path, backend, members):

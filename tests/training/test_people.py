@@ -4,17 +4,17 @@ import pytest
 from tests.training.puppet import puppet
 from yesnt.capture_stage.garments import athlete, courtier, explorer, performer
 from yesnt.training.bodies import PHENOTYPE, draw_phenotype, draw_pose
-from yesnt.training.garments import draw_outfit
-from yesnt.training.people import HEIGHT, WIDTH, draw_person, photograph
+from yesnt.training.garments import draw_garments
+from yesnt.training.people import HEIGHT, WIDTH, draw_person, render_person
 from yesnt.training.pictures import (
     PEOPLE,
+    STYLE_GROUPS,
     VIEWS,
-    WARDROBES,
-    everybody,
-    habits_of,
+    interleaved_people,
     make_person,
     open_views,
     person_path,
+    style_of,
 )
 from yesnt.training.synthetic.materials import CLASSES
 
@@ -28,7 +28,7 @@ def body():
 def views(body):
     rng = np.random.default_rng(3)
     person = draw_person(rng, body)
-    return person, [photograph(rng, person) for _ in range(4)]
+    return person, [render_person(rng, person) for _ in range(4)]
 
 
 def test_phenotypes_are_shapes_and_differ():
@@ -49,19 +49,19 @@ def test_poses_turn_bones_that_exist(body):
 def test_everybody_has_skin_and_every_garment_a_material():
     metals = 0
     for seed in range(60):
-        outfit = draw_outfit(np.random.default_rng(seed))
-        assert outfit.layers[0].name == "skin"
-        assert outfit.layers[0].where == ()
-        assert len(outfit.materials()) == len(outfit.coat())
-        assert ((outfit.materials()["roughness"] > 0) & (outfit.materials()["roughness"] <= 1)).all()
-        metals += int((outfit.materials()["metallic"] == 1).any())
+        garments = draw_garments(np.random.default_rng(seed))
+        assert garments.layers[0].name == "skin"
+        assert garments.layers[0].where == ()
+        assert len(garments.materials()) == len(garments.coat())
+        assert ((garments.materials()["roughness"] > 0) & (garments.materials()["roughness"] <= 1)).all()
+        metals += int((garments.materials()["metallic"] == 1).any())
     assert 15 < metals < 60
 
 
 def test_no_garment_of_the_stage_is_drawn():
-    """Places are drawn from intervals: only what the body itself decides lies where a measured subject has it."""
+    """FeatureSamples are drawn from intervals: only what the body itself decides lies where a measured subject has it."""
     measured = {layer.where for coat in (athlete, courtier, explorer, performer) for layer in coat() if layer.where}
-    drawn = [layer for seed in range(200) for layer in draw_outfit(np.random.default_rng(seed)).layers]
+    drawn = [layer for seed in range(200) for layer in draw_garments(np.random.default_rng(seed)).layers]
     assert {layer.name for layer in drawn if layer.where in measured} <= {"lips", "eyes", "collar", "toe caps"}
 
 
@@ -80,7 +80,7 @@ def test_pictures_are_plausible(views):
         assert (roughness >= 0.02).all()
         assert (roughness <= 1).all()
         assert set(np.unique(metallic)) <= {0, 1}
-    worn = {list(CLASSES)[kind] for kind in person.outfit.materials()["kind"]}
+    worn = {list(CLASSES)[kind] for kind in person.garments.materials()["kind"]}
     shown = {list(CLASSES)[k] for picture in pictures for k in np.unique(picture.kind) if k >= 0}
     assert shown <= worn
 
@@ -104,10 +104,10 @@ def test_an_archive_is_made_once_and_is_a_function_of_seed_and_number(tmp_path, 
 
 
 def test_any_beginning_of_the_archive_has_its_share_of_every_wardrobe():
-    numbers = everybody()
+    numbers = interleaved_people()
     assert sorted(numbers) == list(range(PEOPLE))
-    beginning = [habits_of(number) for number in numbers[:80]]
-    for count, habits in WARDROBES:
-        assert beginning.count(habits) == pytest.approx(80 * count / PEOPLE, abs=1)
+    beginning = [style_of(number) for number in numbers[:80]]
+    for count, style in STYLE_GROUPS:
+        assert beginning.count(style) == pytest.approx(80 * count / PEOPLE, abs=1)
     with pytest.raises(ValueError, match="people"):
-        habits_of(PEOPLE)
+        style_of(PEOPLE)

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from yesnt.decompose.network import at_patch
-from yesnt.training.synthetic.dataset import Patches, crop, disguise, draw_mix, draw_patches, draw_picture
+from yesnt.training.synthetic.dataset import Patches, crop, draw_mix, draw_patches, draw_picture, recolour_garments
 from yesnt.training.synthetic.light import COLUMNS, LEVELS, ROWS, Light, draw_light, environment_brdf
 from yesnt.training.synthetic.materials import CLASSES, MATERIAL, PRIOR, draw_class, paint
 from yesnt.training.synthetic.render import Rendering, render
@@ -150,11 +150,13 @@ def test_the_whole_shows_the_patch_where_it_says_so(seed):
     """Mirrored or turned, the matte of the patch is the matte of the whole at the patch's place."""
     rng = np.random.default_rng(seed)
     example = crop(rng, draw_picture(rng, 144), 64)
-    told = at_patch(torch.from_numpy(example.whole[None, 3:]), torch.from_numpy(example.place[None]), 16)[0, 0].numpy()
+    told = at_patch(torch.from_numpy(example.context[None, 3:]), torch.from_numpy(example.location[None]), 16)[
+        0, 0
+    ].numpy()
     shown = example.matte[0].reshape(16, 4, 16, 4).mean((1, 3))
     assert np.abs(told - shown).mean() < 0.06
-    assert example.whole_truth[2].mean() == pytest.approx(example.whole[3].mean(), abs=0.02)
-    assert ((example.whole_kind >= 0) == (example.whole_truth[2] > 0.5)).mean() > 0.9
+    assert example.context_truth[2].mean() == pytest.approx(example.context[3].mean(), abs=0.02)
+    assert ((example.context_kind >= 0) == (example.context_truth[2] > 0.5)).mean() > 0.9
 
 
 def test_a_disguise_dyes_cloth_like_skin_and_leaves_the_truth():
@@ -163,7 +165,7 @@ def test_a_disguise_dyes_cloth_like_skin_and_leaves_the_truth():
     colours = np.where(kind == names.index("skin"), 0.4, 0.2) * np.array([1.0, 0.6, 0.4])[:, None, None]
     colours[2, kind == names.index("woven")] *= 3
     picture = Rendering(colours.astype(np.float32), np.ones((40, 40), np.float32), np.ones((2, 40, 40)), kind)
-    found = [disguise(np.random.default_rng(seed), picture) for seed in range(400)]
+    found = [recolour_garments(np.random.default_rng(seed), picture) for seed in range(400)]
     hues = [f.rgb[:, 0, 30] / f.rgb[:, 0, 30].sum() - f.rgb[:, 0, 5] / f.rgb[:, 0, 5].sum() for f in found]
     skinlike = np.mean([np.abs(hue).max() < 0.12 for hue in hues])
     assert skinlike == pytest.approx(0.8 * 0.75, abs=0.06)
@@ -175,9 +177,9 @@ def test_a_disguise_dyes_cloth_like_skin_and_leaves_the_truth():
 @pytest.mark.parametrize("seed", range(5))
 def test_turned_colours_keep_white_white_and_grey_grey(seed):
     example = crop(np.random.default_rng(seed), draw_picture(np.random.default_rng(seed), 144), 64)
-    grey = dataclasses.replace(example, rgb=np.full_like(example.rgb, 0.5), whole=np.full_like(example.whole, 0.5))
+    grey = dataclasses.replace(example, rgb=np.full_like(example.rgb, 0.5), context=np.full_like(example.context, 0.5))
     mix = draw_mix(np.random.default_rng(seed))
     np.testing.assert_allclose(grey.mixed(mix).rgb, 0.5, atol=1e-6)
-    np.testing.assert_allclose(grey.mixed(mix).whole, 0.5, atol=1e-6)
+    np.testing.assert_allclose(grey.mixed(mix).context, 0.5, atol=1e-6)
     assert isinstance(example.mixed(mix), Patches)
     np.testing.assert_allclose(example.mixed(mix).rgb.sum(0), example.rgb.sum(0), rtol=1e-4, atol=1e-5)

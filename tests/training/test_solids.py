@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from yesnt.capture_stage.shapes import drape, knot, vase
-from yesnt.training.pictures import THING_VIEWS, make_thing, open_views, thing_path
-from yesnt.training.procedural_objects import SIDE, draw_thing, photograph_thing
+from yesnt.training.pictures import OBJECT_VIEWS, make_object, object_path, open_views
+from yesnt.training.procedural_objects import SIDE, draw_object, render_object
 from yesnt.training.solids import SOLIDS, _frames, _volume, block, drapery, tube, vessel
 from yesnt.training.synthetic.materials import CLASSES
 
@@ -57,8 +57,8 @@ def test_no_shape_of_the_stage_is_drawn():
 def test_things_are_plausible_pictures():
     for number in range(8):
         source = rng(5, number)
-        thing = draw_thing(source)
-        picture = photograph_thing(source, thing)
+        thing = draw_object(source)
+        picture = render_object(source, thing)
         inside = picture.matte > 0
         assert picture.rgb.shape == (3, SIDE, SIDE)
         assert 0.01 < inside.mean() < 1
@@ -74,16 +74,16 @@ def test_things_are_plausible_pictures():
 
 
 def test_a_third_of_all_things_have_metal_on_them():
-    metals = [bool((draw_thing(rng(6, number)).materials["metallic"] == 1).any()) for number in range(150)]
+    metals = [bool((draw_object(rng(6, number)).materials["metallic"] == 1).any()) for number in range(150)]
     assert 0.2 < np.mean(metals) < 0.6
 
 
 def test_an_archive_of_things_is_a_function_of_seed_and_number(tmp_path):
-    assert make_thing(tmp_path / "a", 0, 3)
-    assert not make_thing(tmp_path / "a", 0, 3)
-    assert make_thing(tmp_path / "b", 0, 3)
-    first, second = (open_views(thing_path(tmp_path / name, 0, 3)) for name in "ab")
-    assert len(first) == THING_VIEWS
+    assert make_object(tmp_path / "a", 0, 3)
+    assert not make_object(tmp_path / "a", 0, 3)
+    assert make_object(tmp_path / "b", 0, 3)
+    first, second = (open_views(object_path(tmp_path / name, 0, 3)) for name in "ab")
+    assert len(first) == OBJECT_VIEWS
     for a, b in zip(first, second, strict=True):
         for name in ("rgb", "matte", "truth", "kind"):
             np.testing.assert_array_equal(getattr(a, name), getattr(b, name))

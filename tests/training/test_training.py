@@ -12,13 +12,17 @@ from yesnt.decompose.network import Network, NetworkShape, noised
 from yesnt.decompose.weights import PATCH, load_weights, save_weights
 from yesnt.training import trainer as training
 from yesnt.training.__main__ import main
-from yesnt.training.losses import energy_score, reading_loss
+from yesnt.training.losses import energy_score, estimator_loss
 from yesnt.training.synthetic.materials import CLASSES, PRIOR
 from yesnt.training.trainer import Trainer, TrainingSettings, train
 
 TINY = NetworkShape(widths=(8, 8, 16), depths=(1, 1, 1), condition=8, denoiser=(8, 8))
-SHORT = "--reading 1 --drawing 1 --settling 1 --people 0 --things 0 --opining 0".split()
-SETTINGS = TrainingSettings(reading=2, drawing=1, settling=1, batch=2, people=0, things=0, patch=32)
+SHORT = (
+    "--estimator-steps 1 --denoiser-steps 1 --fine-tuning-steps 1 --people 0 --objects 0 --auxiliary-steps 0".split()
+)
+SETTINGS = TrainingSettings(
+    estimator_steps=2, denoiser_steps=1, fine_tuning_steps=1, batch=2, people=0, objects=0, patch=32
+)
 
 
 def whole(rows, order=None):
@@ -76,10 +80,10 @@ def test_reading_loss_wants_the_mean_and_the_class():
     kind = torch.zeros(2, 8, 8, dtype=torch.int64)
     right = torch.full((2, 4, 4, 4), 0.5)
     sure = torch.tensor([9.0, -9.0])[None, :, None, None].expand(2, 2, 4, 4)
-    best = float(reading_loss(right, sure, clean, kind, matte))
+    best = float(estimator_loss(right, sure, clean, kind, matte))
     assert best < 1e-3
-    assert float(reading_loss(right + 0.1, sure, clean, kind, matte)) == pytest.approx(best + 0.01, abs=1e-4)
-    assert float(reading_loss(right, -sure, clean, kind, matte)) > 1
+    assert float(estimator_loss(right + 0.1, sure, clean, kind, matte)) == pytest.approx(best + 0.01, abs=1e-4)
+    assert float(estimator_loss(right, -sure, clean, kind, matte)) > 1
 
 
 def test_training_resumed_is_training_uninterrupted(tmp_path):
@@ -98,10 +102,17 @@ def test_training_resumed_is_training_uninterrupted(tmp_path):
         torch.testing.assert_close(a, second.averaged.state_dict()[name], atol=0, rtol=0)
 
 
-@pytest.mark.parametrize("reading", [0, 60])
-def test_training_lowers_the_loss_in_both_parts(tmp_path, reading):
+@pytest.mark.parametrize("estimator_steps", [0, 60])
+def test_training_lowers_the_loss_in_both_parts(tmp_path, estimator_steps):
     settings = TrainingSettings(
-        reading=reading, drawing=120, settling=0, batch=2, people=0, things=0, patch=32, rate=5e-3
+        estimator_steps=estimator_steps,
+        denoiser_steps=120,
+        fine_tuning_steps=0,
+        batch=2,
+        people=0,
+        objects=0,
+        patch=32,
+        rate=5e-3,
     )
     trainer = Trainer(settings, TINY, tmp_path)
     losses = [trainer.advance() for _ in range(30)]
@@ -109,12 +120,12 @@ def test_training_lowers_the_loss_in_both_parts(tmp_path, reading):
 
 
 def test_what_is_shown_last_is_more_like_the_world(tmp_path):
-    settings = replace(SETTINGS, reading=1, drawing=1, settling=1)
+    settings = replace(SETTINGS, estimator_steps=1, denoiser_steps=1, fine_tuning_steps=1)
     trainer = Trainer(settings, TINY, tmp_path)
-    bold = [trainer._variety.habits.bold]
+    bold = [trainer._augmentation.style.cloth_print]
     for _ in range(2):
         trainer.advance()
-        bold.append(trainer._variety.habits.bold)
+        bold.append(trainer._augmentation.style.cloth_print)
     assert bold[0] == bold[1] > bold[2] > 0
     assert trainer._rates()[0] == trainer._rates()[1] > 0
 
@@ -175,10 +186,10 @@ def test_roughness_is_drawn_to_the_prior_and_its_draws_keep_their_spread(tiny_we
     backend = EmbeddedBackend(tiny_weights, steps=2)
     condition = backend.encode(torch.rand(8, 3, 32, 32), torch.ones(8, 1, 32, 32), whole(8))
     noise = torch.randn(8, len(backend.noise_sigmas), 32, 32)
-    drawn, expected = backend.sample(condition, noise), backend.expect(condition)
-    share = embedded.TRUST
-    monkeypatch.setattr(embedded, "TRUST", 1.0)
-    free, read = backend.sample(condition, noise), backend.expect(condition)
+    drawn, expected = backend.sample(condition, noise), backend.predict_mean(condition)
+    share = embedded.SHRINKAGE_FACTOR
+    monkeypatch.setattr(embedded, "SHRINKAGE_FACTOR", 1.0)
+    free, read = backend.sample(condition, noise), backend.predict_mean(condition)
     assert torch.equal(drawn[:, 1], free[:, 1])
     assert torch.equal(expected[:, 1], read[:, 1])
     assert float(read[:, 0].std()) > 0
@@ -196,7 +207,7 @@ def test_the_prior_is_that_of_the_painted_classes():
 
 def test_number_of_steps_is_part_of_the_version_and_of_the_noise(tiny_weights):
     one, three = EmbeddedBackend(tiny_weights, 1), EmbeddedBackend(tiny_weights, 3)
-    assert one.evaluations != three.evaluations
+    assert one.nfe != three.nfe
     assert len(three.noise_sigmas) == 3 * len(one.noise_sigmas)
     assert one.weights_digest == three.weights_digest
     with pytest.raises(ValueError, match="steps"):
@@ -217,5 +228,5 @@ def test_everything_is_made_on_the_network_s_device(tiny_weights):
     backend = EmbeddedBackend(tiny_weights, steps=2, device="meta")
     condition = backend.encode(torch.rand(8, 3, 32, 32), torch.ones(8, 1, 32, 32), whole(8))
     drawn = backend.sample(condition, torch.randn(8, len(backend.noise_sigmas), 32, 32))
-    assert drawn.device.type == backend.expect(condition).device.type == "meta"
-    assert drawn.shape == backend.expect(condition).shape == (8, 2, 32, 32)
+    assert drawn.device.type == backend.predict_mean(condition).device.type == "meta"
+    assert drawn.shape == backend.predict_mean(condition).shape == (8, 2, 32, 32)

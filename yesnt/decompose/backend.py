@@ -38,19 +38,19 @@ class Footprint:
     Attributes:
         patch: side of a patch in pixels; None: the whole frame at the model's own size.
         align: patch origins are multiples of this.
-        evaluations: network evaluations of one member of one patch.
+        nfe: network evaluations of one member of one patch.
         window: frames of a call of a video backend; 0: frames are drawn apart.
         overlap: frames that neighbouring windows share at least.
-        expects: the backend says what to expect (`Expecting`), so that with a tolerance no patch gets more than the
+        predicts_mean: the backend says what to expect (`MeanPredictor`), so that with a tolerance no patch gets more than the
             first members.
     """
 
     patch: int | None
     align: int
-    evaluations: int
+    nfe: int
     window: int = 0
     overlap: int = 0
-    expects: bool = False
+    predicts_mean: bool = False
 
 
 class Backend(Protocol):
@@ -69,7 +69,7 @@ class Backend(Protocol):
         batch: rows B of every call.
         noise_sigmas: one entry per noise plane, C in all: the Gaussian blur in pixels of that plane of the full-frame
             noise field, 0 for white noise (see `yesnt.decompose.noise_planes`).
-        evaluations: network evaluations that one `sample` call spends per row.
+        nfe: network evaluations that one `sample` call spends per row.
         weights_digest: hexadecimal digest of the weights.
     """
 
@@ -104,8 +104,8 @@ class Backend(Protocol):
         ...
 
     @property
-    def evaluations(self) -> int:
-        """Network evaluations that one `sample` call spends per row."""
+    def nfe(self) -> int:
+        """Network nfe that one `sample` call spends per row."""
         ...
 
     @property
@@ -127,7 +127,7 @@ class Backend(Protocol):
         ...
 
     def sample(self, condition: torch.Tensor, noise: torch.Tensor) -> torch.Tensor:
-        """Draws one member.
+        """SamplePairs one member.
 
         Args:
             condition: [B, ...] rows of what `encode` returned.
@@ -140,28 +140,28 @@ class Backend(Protocol):
 
 
 @runtime_checkable
-class Expecting(Protocol):
+class MeanPredictor(Protocol):
     """What a backend offers besides, if it knows the mean of its draws without drawing."""
 
-    def expect(self, condition: torch.Tensor) -> torch.Tensor:
+    def predict_mean(self, condition: torch.Tensor) -> torch.Tensor:
         """The expected roughness and metallic [B, 2, P, P] in [0, 1] of rows that `encode` returned."""
         ...
 
 
 @runtime_checkable
-class Surveying(Protocol):
+class GlobalPredictor(Protocol):
     """What a backend offers besides, if it wants to see the whole subject before its patches.
 
     Attributes:
-        survey_side: side in pixels of the picture that it is shown; 0: it asks for none.
+        auxiliary_side: side in pixels of the picture that it is shown; 0: it asks for none.
     """
 
     @property
-    def survey_side(self) -> int:
+    def auxiliary_side(self) -> int:
         """Side of the picture in pixels."""
         ...
 
-    def survey(self, picture: torch.Tensor) -> torch.Tensor:
+    def predict_auxiliary(self, picture: torch.Tensor) -> torch.Tensor:
         """Looks at the whole subject [1, 4, side, side]; `encode` is told the answer [1, C, s, s] with every patch."""
         ...
 
@@ -187,7 +187,7 @@ class VideoBackend(Protocol):
     Attributes:
         name: the word in the job file.
         licence: of the weights.
-        footprint: frames of a window, evaluations of a member.
+        footprint: frames of a window, nfe of a member.
         weights_digest: hexadecimal digest of the weights.
     """
 
@@ -203,7 +203,7 @@ class VideoBackend(Protocol):
 
     @property
     def footprint(self) -> Footprint:
-        """Frames of a window, evaluations of a member."""
+        """Frames of a window, nfe of a member."""
         ...
 
     @property
@@ -212,7 +212,7 @@ class VideoBackend(Protocol):
         ...
 
     def draw(self, clip: Clip, seed: int, members: Sequence[int], settings: EnsembleSettings) -> Iterator[Float32]:
-        """Draws members one after another.
+        """SamplePairs members one after another.
 
         Args:
             clip: `footprint.window` frames.

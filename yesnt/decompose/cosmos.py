@@ -30,12 +30,12 @@ _PASSES = ("roughness", "metallic")
 _SIZE = (704, 1280)
 """Rows and columns that the model was trained at; frames are stretched to it and back, as its own script does."""
 
-_TOLD = 2000
+_STDERR_CHARACTERS = 2000
 """Last characters of what a failed process said that go into the error."""
 
 
 class CosmosBackend:
-    """Draws clips of roughness and metallic in a process of the user's checkout.
+    """SamplePairs clips of roughness and metallic in a process of the user's checkout.
 
     The model draws its noise itself, from one seed; we give each member, quantity and window a seed made from the
     job's, so a member is the same whenever it is drawn on the same machine. Members cannot be paired.
@@ -106,7 +106,7 @@ class CosmosBackend:
         )  # fmt: skip
         if done.returncode:
             raise YesntError(
-                f"The checkout's process ended with {done.returncode}: {done.stderr[-_TOLD:].strip()}",
+                f"The checkout's process ended with {done.returncode}: {done.stderr[-_STDERR_CHARACTERS:].strip()}",
                 str(self._folder), "the float arrays of every member", "try the checkout's own example first",
             )  # fmt: skip
 
@@ -118,7 +118,7 @@ def draw_seed(seed: int, frame: int, member: int, quantity: str) -> int:
 
 
 def _write_frames(folder: Path, clip: Clip) -> None:
-    """Display-referred 8-bit PNGs over white, stretched to the model's size: what its own reader takes."""
+    """Display-referred 8-bit PNGs over white, stretched to the model's size: what its own estimator takes."""
     import cv2
 
     folder.mkdir(parents=True)

@@ -42,7 +42,7 @@ _LARGEST_NORM = 10.0
 
 
 class DiffusionRendererBackend:
-    """Draws clips of roughness and metallic.
+    """SamplePairs clips of roughness and metallic.
 
     Per patch and member it equals a call of diffusers' `StableVideoDiffusionPipeline` without guidance, with the
     quantity's vector for the image embedding and every frame's own latents beside the noise. The noise is one field a

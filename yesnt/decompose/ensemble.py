@@ -10,10 +10,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from yesnt.decompose.backend import Backend, Expecting, Surveying
+from yesnt.decompose.backend import Backend, GlobalPredictor, MeanPredictor
 from yesnt.decompose.blend import Patch, PatchGrid, PatchSum
 from yesnt.decompose.confidence import confidence as confidence
-from yesnt.decompose.global_context import ContextBatch, Square, small_picture
+from yesnt.decompose.global_context import ContextBatch, Square, context_image
 from yesnt.decompose.noise_planes import ensemble_noise
 from yesnt.decompose.reuse import Prior, join
 from yesnt.decompose.settings import EnsembleSettings
@@ -31,14 +31,14 @@ class Estimate:
     Attributes:
         mean: [2, H, W] in [0, 1], 0 outside the matte.
         std: [2, H, W] population standard deviation over members, in [0, 0.5], 0 outside the matte.
-        evaluations: [H, W] network evaluations that went into each pixel, blended as the members are.
-        total_evaluations: network evaluations of the frame (rows of batches without padding, encoding apart).
+        nfe: [H, W] network evaluations that went into each pixel, blended as the members are.
+        total_nfe: network evaluations of the frame (rows of batches without padding, encoding apart).
     """
 
     mean: Float32
     std: Float32
-    evaluations: Float32
-    total_evaluations: int
+    nfe: Float32
+    total_nfe: int
 
 
 def decompose_frame(
@@ -58,7 +58,7 @@ def estimate_frame(
     frame: int,
     prior: Prior | None = None,
 ) -> Estimate:
-    """Draws the members of a frame patch by patch, blends each, then takes mean and population std over them.
+    """SamplePairs the members of a frame patch by patch, blends each, then takes mean and population std over them.
 
     A backend that knows what to expect of a patch says so; that is the mean then, and the members tell the std.
 
@@ -91,13 +91,13 @@ def estimate_frame(
         for start in range(members.start, members.stop, at_once):
             block = range(start, min(start + at_once, members.stop))
             _add_members(moments, picture, active, block, backend, (seed, frame), settings.antithetic)
-        total += len(active) * len(members) * backend.evaluations
+        total += len(active) * len(members) * backend.nfe
     mean, std = picture.finished(moments.mean), picture.finished(moments.std())
     if prior is not None:
         share = picture.finished(np.minimum(moments.weight / settings.rounds()[0].stop, 1))
         joined = join(Prior(mean, std, share > 0), share, prior, matte)
         mean, std = joined.mean, joined.std
-    return Estimate(mean, std, picture.finished(moments.weight * backend.evaluations), total)
+    return Estimate(mean, std, picture.finished(moments.weight * backend.nfe), total)
 
 
 def _uncovered(
@@ -144,22 +144,22 @@ class _Picture:
         clean = np.where(inside[..., None], rgb, 0).astype(np.float32)
         planes, cover = clean.transpose(2, 0, 1), matte.astype(np.float32)
         square = Square.around(cover)
-        whole = small_picture(planes, cover, square)
+        whole = context_image(planes, cover, square)
         return cls(grid, np.pad(planes, ((0, 0), *pad)), np.pad(cover, pad), matte.shape, square, whole, backend)
 
     @cached_property
-    def opinion(self) -> torch.Tensor | None:
+    def auxiliary(self) -> torch.Tensor | None:
         """What the backend says of the whole subject; asked for once, and only if a patch is drawn."""
-        if not isinstance(self.backend, Surveying) or not self.backend.survey_side:
+        if not isinstance(self.backend, GlobalPredictor) or not self.backend.auxiliary_side:
             return None
-        picture = small_picture(self.rgb, self.matte, self.square, self.backend.survey_side)
-        return self.backend.survey(torch.from_numpy(picture)[None])
+        picture = context_image(self.rgb, self.matte, self.square, self.backend.auxiliary_side)
+        return self.backend.predict_auxiliary(torch.from_numpy(picture)[None])
 
     def context(self, patches: Sequence[Patch], rows: int) -> ContextBatch:
         """What `rows` rows are told of the whole; rows without a patch are told of its corner."""
         places = np.zeros((rows, 3), np.float32)
-        places[: len(patches)] = [self.square.place(p.top, p.left, self.grid.size) for p in patches]
-        told = None if self.opinion is None else self.opinion.expand(rows, -1, -1, -1)
+        places[: len(patches)] = [self.square.locate(p.top, p.left, self.grid.size) for p in patches]
+        told = None if self.auxiliary is None else self.auxiliary.expand(rows, -1, -1, -1)
         return ContextBatch(torch.from_numpy(self.whole).expand(rows, -1, -1, -1), torch.from_numpy(places), told)
 
     def finished(self, planes: NDArray[np.floating]) -> Float32:
@@ -171,7 +171,7 @@ class _Picture:
 class _Moments:
     """Weighted mean and sum of squares per pixel, member by member (West 1979, the weighted form of Welford's).
 
-    What a backend expects takes the place of the members' mean (Rao and Blackwell: what their mean tends to, without
+    What a backend predicts_mean takes the place of the members' mean (Rao and Blackwell: what their mean tends to, without
     the chance of a draw); the spread is of the members alone. Single precision: 4K planes are large, and a deviation
     of members needs no more digits than the members have.
     """
@@ -182,7 +182,7 @@ class _Moments:
         self._squares = np.zeros((2, height, width), np.float32)
         self._expected: Float32 | None = None
 
-    def expect(self, value: Float32) -> None:
+    def predict_mean(self, value: Float32) -> None:
         """Says what to expect: value [2, H, W]."""
         self._expected = value
 
@@ -211,7 +211,7 @@ class _Moments:
         """[2, H, W] standard error of the mean, of independent draws; needs two members.
 
         An antithetic pair has no mean of its own to lose a degree of freedom to; that pairs do better than independent
-        draws is not counted. What a backend expects owes nothing to chance: more members would not change it.
+        draws is not counted. What a backend predicts_mean owes nothing to chance: more members would not change it.
         """
         if self._expected is not None:
             return np.zeros_like(self._mean)
@@ -244,11 +244,11 @@ def _add_members(
     key: tuple[int, int],
     antithetic: bool,
 ) -> None:
-    """Draws and blends some members; their noise, the largest of all planes, is gone before more is made."""
+    """SamplePairs and blends some members; their noise, the largest of all planes, is gone before more is made."""
     grid = picture.grid
     noises = [ensemble_noise((*key, k), grid.shape, backend.noise_sigmas, antithetic) for k in block]
     sums = [PatchSum(grid, 2) for _ in noises]
-    expected = PatchSum(grid, 2) if isinstance(backend, Expecting) and not moments.weight.any() else None
+    expected = PatchSum(grid, 2) if isinstance(backend, MeanPredictor) and not moments.weight.any() else None
     weights = PatchSum(grid, 1)
     for start in range(0, len(patches), backend.batch):
         chosen = patches[start : start + backend.batch]
@@ -257,8 +257,8 @@ def _add_members(
             _batch(grid, picture.matte[None], chosen, backend.batch),
             picture.context(chosen, backend.batch),
         )
-        if expected is not None and isinstance(backend, Expecting):
-            _add(expected, chosen, backend.expect(condition))
+        if expected is not None and isinstance(backend, MeanPredictor):
+            _add(expected, chosen, backend.predict_mean(condition))
         for noise, member in zip(noises, sums, strict=True):
             _add(member, chosen, backend.sample(condition, _batch(grid, noise, chosen, backend.batch)))
         for patch in chosen:
@@ -267,7 +267,7 @@ def _add_members(
     weight = weights.value()[0]
     safe = np.where(weight > 0, weight, np.float32(1))
     if expected is not None:
-        moments.expect(_shared(expected, safe))
+        moments.predict_mean(_shared(expected, safe))
     for member in sums:
         moments.update(_shared(member, safe), weight)
 

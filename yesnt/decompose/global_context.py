@@ -26,14 +26,14 @@ class ContextBatch(NamedTuple):
     """What a batch of patches is told of its surroundings.
 
     Attributes:
-        picture: [B, 4, CONTEXT_SIDE, CONTEXT_SIDE] straight linear rgb and matte of the whole subject.
-        place: [B, 3] top, left and side of the patch, in sides of that picture.
-        opinion: [B, C, s, s] what the backend said of the whole subject when it was shown it; None: it was not.
+        image: [B, 4, CONTEXT_SIDE, CONTEXT_SIDE] straight linear rgb and matte of the whole subject.
+        location: [B, 3] top, left and side of the patch, in sides of that picture.
+        auxiliary: [B, C, s, s] what the backend said of the whole subject when it was shown it; None: it was not.
     """
 
-    picture: torch.Tensor
-    place: torch.Tensor
-    opinion: torch.Tensor | None = None
+    image: torch.Tensor
+    location: torch.Tensor
+    auxiliary: torch.Tensor | None = None
 
 
 @dataclass(frozen=True)
@@ -66,12 +66,12 @@ class Square:
         small = cv2.resize(square, (side, side), interpolation=cv2.INTER_AREA if side < self.side else cv2.INTER_LINEAR)
         return np.ascontiguousarray(small.reshape(side, side, -1).transpose(2, 0, 1))
 
-    def place(self, top: int, left: int, size: int) -> tuple[float, float, float]:
+    def locate(self, top: int, left: int, size: int) -> tuple[float, float, float]:
         """Top, left and side of a patch in sides of this square."""
         return (top - self.top) / self.side, (left - self.left) / self.side, size / self.side
 
 
-def small_picture(rgb: Float32, matte: Float32, square: Square, side: int = CONTEXT_SIDE) -> Float32:
+def context_image(rgb: Float32, matte: Float32, square: Square, side: int = CONTEXT_SIDE) -> Float32:
     """[4, side, side] straight rgb and matte.
 
     Args:

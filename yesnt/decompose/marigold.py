@@ -57,7 +57,7 @@ class MarigoldBackend:
         self._target = _material_target(self._pipeline, folder)
         self.align = int(self._pipeline.vae_scale_factor)
         self.patch = patch or int(self._pipeline.default_processing_resolution)
-        self.evaluations = steps or int(self._pipeline.default_denoising_steps)
+        self.nfe = steps or int(self._pipeline.default_denoising_steps)
         self.noise_sigmas = (0.0,) * int(self._pipeline.unet.config.out_channels)
         self.weights_digest = MARIGOLD.digest(folder)
         self._text = _empty_prompt(self._pipeline)
@@ -76,7 +76,7 @@ class MarigoldBackend:
         """Denoises the latents of all targets, decodes the material."""
         pipeline = self._pipeline
         latent = latent_noise(noise.to(condition), self.align)
-        pipeline.scheduler.set_timesteps(self.evaluations, device=latent.device)
+        pipeline.scheduler.set_timesteps(self.nfe, device=latent.device)
         text = self._text.expand(len(latent), -1, -1)
         for time in pipeline.scheduler.timesteps:
             predicted = pipeline.unet(

@@ -11,7 +11,7 @@ import torch
 from torch import nn
 from torch.nn import functional as F
 
-from yesnt.decompose.auxiliary import Opinion
+from yesnt.decompose.auxiliary import AuxiliaryPredictor
 from yesnt.decompose.global_context import ContextBatch
 from yesnt.decompose.statistics import STATISTICS, colour_code, surroundings
 
@@ -27,7 +27,7 @@ class NetworkShape:
         denoiser: channels of the denoiser at 1/2 and 1/4 resolution.
         smooth_planes: noise planes besides the two of the state.
         context: channels of the U-Net that reads the whole subject, at 1/2, 1/4, ... of the small picture.
-        opinion: hidden channels of the perceptron that gives a second opinion; none: there is no second opinion.
+        auxiliary: hidden channels of the perceptron that gives a second opinion; none: there is no second opinion.
     """
 
     widths: tuple[int, ...] = (32, 64, 128, 208)
@@ -36,12 +36,12 @@ class NetworkShape:
     denoiser: tuple[int, int] = (32, 64)
     smooth_planes: int = 3
     context: tuple[int, ...] = (24, 48, 72, 80)
-    opinion: tuple[int, ...] = ()
+    auxiliary: tuple[int, ...] = ()
 
     @property
-    def told(self) -> int:
+    def denoiser_condition(self) -> int:
         """Channels of what the denoiser is told: with a second opinion also how far the two are apart."""
-        return self.condition + (2 if self.opinion else 0)
+        return self.condition + (2 if self.auxiliary else 0)
 
     def header(self) -> str:
         """The sizes as JSON."""
@@ -75,7 +75,7 @@ class PixelNorm(nn.LayerNorm):
 
 
 class Norm(nn.BatchNorm2d):
-    """Norm of the reader: each channel over all pixels of a training batch, as a fixed scale afterwards.
+    """Norm of the estimator: each channel over all pixels of a training batch, as a fixed scale afterwards.
 
     A norm over the channels of a pixel let one common vector grow in the coarse levels until nothing else was left of
     them (`tests/benchmarks/decompose_reader.py` silences each): the network then saw colours and no shapes. Here every
@@ -86,7 +86,7 @@ class Norm(nn.BatchNorm2d):
         super().__init__(channels, momentum=0.05)
 
 
-class Block(nn.Module):
+class ResidualBlock(nn.Module):
     """Residual block of two 3x3 convolutions; `time` scales and shifts the middle (0 channels: not conditioned)."""
 
     def __init__(self, channels: int, time_channels: int = 0) -> None:
@@ -94,19 +94,19 @@ class Block(nn.Module):
         self.norm = PixelNorm(channels) if time_channels else Norm(channels)
         self.first = nn.Conv2d(channels, channels, 3, padding=1)
         self.second = nn.Conv2d(channels, channels, 3, padding=1)
-        self.film = nn.Linear(time_channels, 2 * channels) if time_channels else None
+        self.modulation = nn.Linear(time_channels, 2 * channels) if time_channels else None
         nn.init.zeros_(self.second.weight)
 
     def forward(self, x: torch.Tensor, time: torch.Tensor | None = None) -> torch.Tensor:
         """[B, C, h, w] -> the same."""
         middle = self.first(self.norm(x))
-        if self.film is not None and time is not None:
-            scale, shift = self.film(time)[:, :, None, None].chunk(2, 1)
+        if self.modulation is not None and time is not None:
+            scale, shift = self.modulation(time)[:, :, None, None].chunk(2, 1)
             middle = middle * (1 + scale) + shift
         return x + self.second(F.silu(middle))
 
 
-class Merge(nn.Module):
+class SkipMerge(nn.Module):
     """Brings coarse features up to a finer level and joins them with what that level saw itself."""
 
     def __init__(self, fine: int, coarse: int, norm: type[nn.Module] = Norm) -> None:
@@ -124,7 +124,7 @@ class Merge(nn.Module):
         return F.silu(self.fine(self.norm_fine(fine)) + raised)
 
 
-class Overview(nn.Module):
+class GlobalPooling(nn.Module):
     """Tells every place of the coarsest level what the patch shows on the whole, over the matte."""
 
     def __init__(self, channels: int) -> None:
@@ -140,18 +140,18 @@ class Overview(nn.Module):
         return x + self.mix(mean)[:, :, None, None]
 
 
-class ContextReader(nn.Module):
+class ContextEncoder(nn.Module):
     """Reads the whole subject in small; its features say of a patch where on the subject it lies."""
 
     def __init__(self, widths: tuple[int, ...]) -> None:
         super().__init__()
         pairs = list(pairwise(widths))
         self.stem = nn.Conv2d(24, widths[0], 3, padding=1)
-        self.levels = nn.ModuleList(Block(width) for width in (*widths, widths[-1]))
-        self.downs = nn.ModuleList(nn.Sequential(Norm(a), nn.Conv2d(a, b, 2, stride=2)) for a, b in pairs)
+        self.levels = nn.ModuleList(ResidualBlock(width) for width in (*widths, widths[-1]))
+        self.downsamples = nn.ModuleList(nn.Sequential(Norm(a), nn.Conv2d(a, b, 2, stride=2)) for a, b in pairs)
         # The finest level is read on the way down only: a patch knows its own detail.
-        self.merges = nn.ModuleList(Merge(a, b) for a, b in pairs[1:])
-        self.rises = nn.ModuleList(Block(a) for a, _ in pairs[1:])
+        self.skips = nn.ModuleList(SkipMerge(a, b) for a, b in pairs[1:])
+        self.up_blocks = nn.ModuleList(ResidualBlock(a) for a, _ in pairs[1:])
         self.norm = Norm(widths[1])
 
     def forward(self, picture: torch.Tensor) -> torch.Tensor:
@@ -164,11 +164,13 @@ class ContextReader(nn.Module):
         for number, level in enumerate(self.levels[:-1]):
             if number:
                 seen.append(x)
-                x = self.downs[number - 1](x)
+                x = self.downsamples[number - 1](x)
             x = level(x)
         x = self.levels[-1](x)
-        for merge, rise, fine in zip(reversed(self.merges), reversed(self.rises), reversed(seen[1:]), strict=True):
-            x = rise(merge(fine, x))
+        for skip, up_block, fine in zip(
+            reversed(self.skips), reversed(self.up_blocks), reversed(seen[1:]), strict=True
+        ):
+            x = up_block(skip(fine, x))
         return self.norm(x)
 
 
@@ -190,7 +192,7 @@ def at_patch(features: torch.Tensor, place: torch.Tensor, cells: int) -> torch.T
     return F.grid_sample(features, 2 * grid - 1, mode="bilinear", padding_mode="border", align_corners=False)
 
 
-class Reader(nn.Module):
+class Estimator(nn.Module):
     """RGB and matte to what is expected and features, at half the resolution."""
 
     def __init__(self, shape: NetworkShape) -> None:
@@ -200,15 +202,15 @@ class Reader(nn.Module):
         self.stem = nn.Conv2d(16, widths[0], 3, padding=1)
         self.statistics = nn.Conv2d(STATISTICS, widths[0], 1)
         self.levels = nn.ModuleList(
-            nn.Sequential(*(Block(width) for _ in range(depth)))
+            nn.Sequential(*(ResidualBlock(width) for _ in range(depth)))
             for width, depth in zip(widths, shape.depths, strict=True)
         )
-        self.downs = nn.ModuleList(nn.Sequential(Norm(a), nn.Conv2d(a, b, 2, stride=2)) for a, b in pairs)
-        self.context = ContextReader(shape.context)
-        self.informed = nn.Conv2d(shape.context[1], widths[-2], 1)
-        self.overview = Overview(widths[-1])
-        self.merges = nn.ModuleList(Merge(a, b) for a, b in pairs)
-        self.rises = nn.ModuleList(Block(a) for a, _ in pairs)
+        self.downsamples = nn.ModuleList(nn.Sequential(Norm(a), nn.Conv2d(a, b, 2, stride=2)) for a, b in pairs)
+        self.context = ContextEncoder(shape.context)
+        self.context_projection = nn.Conv2d(shape.context[1], widths[-2], 1)
+        self.global_pooling = GlobalPooling(widths[-1])
+        self.skips = nn.ModuleList(SkipMerge(a, b) for a, b in pairs)
+        self.up_blocks = nn.ModuleList(ResidualBlock(a) for a, _ in pairs)
         self.out = nn.Sequential(Norm(widths[0]), nn.Conv2d(widths[0], shape.condition, 1))
 
     def forward(self, rgb: torch.Tensor, matte: torch.Tensor, context: ContextBatch) -> torch.Tensor:
@@ -222,9 +224,11 @@ class Reader(nn.Module):
         Returns:
             [B, condition, P/2, P/2]; channels 0 and 1 are the expected roughness and metallic, -1 .. 1 for 0 .. 1.
         """
-        return self.read(rgb, matte, self.context(context.picture), context.place)
+        return self.from_features(rgb, matte, self.context(context.image), context.location)
 
-    def read(self, rgb: torch.Tensor, matte: torch.Tensor, whole: torch.Tensor, place: torch.Tensor) -> torch.Tensor:
+    def from_features(
+        self, rgb: torch.Tensor, matte: torch.Tensor, whole: torch.Tensor, place: torch.Tensor
+    ) -> torch.Tensor:
         """As `forward`, with the features of the whole [B, C, h, w] at hand."""
         code = colour_code(rgb) * (matte > 0)
         with torch.no_grad():
@@ -234,13 +238,13 @@ class Reader(nn.Module):
         for number, level in enumerate(self.levels):
             if number:
                 fine.append(x)
-                x = self.downs[number - 1](x)
+                x = self.downsamples[number - 1](x)
             if number == len(self.levels) - 2:
-                x = x + self.informed(at_patch(whole, place, x.shape[-1]))
+                x = x + self.context_projection(at_patch(whole, place, x.shape[-1]))
             x = level(x)
-        x = self.overview(x, F.avg_pool2d(matte, matte.shape[-1] // x.shape[-1]))
-        for merge, rise, seen in zip(reversed(self.merges), reversed(self.rises), reversed(fine), strict=True):
-            x = rise(merge(seen, x))
+        x = self.global_pooling(x, F.avg_pool2d(matte, matte.shape[-1] // x.shape[-1]))
+        for skip, up_block, seen in zip(reversed(self.skips), reversed(self.up_blocks), reversed(fine), strict=True):
+            x = up_block(skip(seen, x))
         return self.out(x)
 
 
@@ -256,16 +260,16 @@ class Denoiser(nn.Module):
         a, b = shape.denoiser
         time = 4 * a
         self.time = nn.Sequential(nn.Linear(2, time), nn.SiLU(), nn.Linear(time, time), nn.SiLU())
-        self.stem = nn.Conv2d(8 + shape.smooth_planes + shape.told, a, 3, padding=1)
+        self.stem = nn.Conv2d(8 + shape.smooth_planes + shape.denoiser_condition, a, 3, padding=1)
         self.down = nn.Conv2d(a, b, 2, stride=2)
-        self.middle = nn.ModuleList([Block(b, time) for _ in range(2)])
-        self.merge, self.last = Merge(a, b, PixelNorm), Block(a, time)
+        self.middle = nn.ModuleList([ResidualBlock(b, time) for _ in range(2)])
+        self.skip, self.last = SkipMerge(a, b, PixelNorm), ResidualBlock(a, time)
         self.out = nn.Sequential(PixelNorm(a), nn.SiLU(), nn.Conv2d(a, 8, 3, padding=1))
 
     def forward(
         self, state: torch.Tensor, smooth: torch.Tensor, condition: torch.Tensor, time: torch.Tensor
     ) -> torch.Tensor:
-        """Draws clean materials.
+        """SamplePairs clean materials.
 
         Args:
             state: [B, 2, P, P] x_t, about unit variance.
@@ -283,20 +287,20 @@ class Denoiser(nn.Module):
         middle = self.down(top)
         for block in self.middle:
             middle = block(middle, embedding)
-        change = F.pixel_shuffle(self.out(self.last(self.merge(top, middle), embedding)), 2)
-        # Draws spread about what the reader expects; the noise need not carry what is known already.
+        change = F.pixel_shuffle(self.out(self.last(self.skip(top, middle), embedding)), 2)
+        # SamplePairs spread about what the estimator predicts_mean; the noise need not carry what is known already.
         return change + F.interpolate(condition[:, :2], scale_factor=2, mode="bilinear", align_corners=False)
 
 
 class Network(nn.Module):
-    """Reader and denoiser together, and who is asked for a second opinion."""
+    """Estimator and denoiser together, and who is asked for a second opinion."""
 
     def __init__(self, shape: NetworkShape) -> None:
         super().__init__()
         self.shape = shape
-        self.reader = Reader(shape)
+        self.estimator = Estimator(shape)
         self.denoiser = Denoiser(shape)
-        self.opinion = Opinion(*shape.opinion) if shape.opinion else None
+        self.auxiliary = AuxiliaryPredictor(*shape.auxiliary) if shape.auxiliary else None
 
 
 def noised(clean: torch.Tensor, noise: torch.Tensor, time: torch.Tensor) -> torch.Tensor:

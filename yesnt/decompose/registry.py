@@ -52,7 +52,7 @@ def _cosmos(folder: Path, knobs: Knobs) -> VideoBackend:
 def _embedded_footprint(path: Path, knobs: Knobs) -> Footprint:
     with path.open("rb") as file:  # a safetensors file begins with the length of its JSON header
         header = json.loads(file.read(int.from_bytes(file.read(8), "little")))
-    return Footprint(int(header["__metadata__"]["patch"]), 16, int(knobs.get("steps", 2)), expects=True)
+    return Footprint(int(header["__metadata__"]["patch"]), 16, int(knobs.get("steps", 2)), predicts_mean=True)
 
 
 def _marigold_footprint(folder: Path, knobs: Knobs) -> Footprint:

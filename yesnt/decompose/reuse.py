@@ -50,7 +50,7 @@ class Link:
     validity: Float32
 
 
-def carry_back(
+def propagate_keyframe(
     mean: Float32, std: Float32, links: Sequence[Link], mattes: Sequence[Mask], settings: EnsembleSettings
 ) -> Prior:
     """The keyframe's estimate at the pixels of an earlier frame.

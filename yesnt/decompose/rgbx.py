@@ -61,7 +61,7 @@ class RgbxBackend:
         self._steps = steps
         self.align = 2 ** (len(self._vae.config.block_out_channels) - 1)
         self.patch = patch
-        self.evaluations = steps * len(_PROMPTS)
+        self.nfe = steps * len(_PROMPTS)
         self.noise_sigmas = (0.0,) * (int(self._unet.config.out_channels) * len(_PROMPTS))
         self.weights_digest = RGBX.digest(folder)
 

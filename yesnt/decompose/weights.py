@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from pathlib import Path
 
 import torch
@@ -11,6 +12,9 @@ from safetensors.torch import save_file
 
 from yesnt.core.errors import CorruptError, JobError
 from yesnt.decompose.network import Network, NetworkShape
+
+FORMAT = "2"
+"""Version of the file: 2 since the tensors carry the names `estimator`, `denoiser` and `auxiliary`."""
 
 SMOOTH_SIGMAS = (4.0, 16.0, 64.0)
 """Blur in pixels of the noise planes that steer a draw: from a seam to a whole garment."""
@@ -34,7 +38,7 @@ def save_weights(network: Network, path: Path, patch: int = PATCH) -> None:
     """Writes weights whole or not at all."""
     tensors = packed(network.state_dict())
     part = path.with_suffix(".part")
-    save_file(tensors, part, {"shape": network.shape.header(), "patch": str(patch)})
+    save_file(tensors, part, {"format": FORMAT, "shape": network.shape.header(), "patch": str(patch)})
     part.chmod(0o644)  # safetensors creates it for the owner only
     part.replace(path)
 
@@ -58,11 +62,14 @@ def load_weights(path: Path) -> tuple[Network, int]:
         )
     try:
         with safe_open(path, "pt") as file:
-            header = file.metadata()
+            header = file.metadata() or {}
+            _refuse_other_formats(header, path)
             tensors = unpacked({name: file.get_tensor(name) for name in file.keys()})
         network = Network(NetworkShape.from_header(header["shape"]))
         network.load_state_dict(tensors)
         patch = int(header["patch"])
+    except JobError:
+        raise
     except Exception as error:
         raise CorruptError(
             f"the weights cannot be read ({error})",
@@ -71,6 +78,18 @@ def load_weights(path: Path) -> tuple[Network, int]:
             "restore the file",
         ) from error
     return channels_last(network.eval().requires_grad_(False)), patch
+
+
+def _refuse_other_formats(header: Mapping[str, str], path: Path) -> None:
+    """Refuses weights whose tensors carry the names of another version; files of version 1 state none."""
+    found = header.get("format", "1")
+    if found != FORMAT:
+        raise JobError(
+            f"the weights have format {found}",
+            str(path),
+            f"format {FORMAT}",
+            "use the weights of the installed package, or make them anew with `python -m yesnt.training`",
+        )
 
 
 def packed(state: Tensors) -> Tensors:

@@ -83,7 +83,7 @@ class ClipEstimate:
 
 
 def estimate_clip(clip: Clip, backend: VideoBackend, settings: EnsembleSettings, seed: int) -> ClipEstimate:
-    """Draws members of a clip until the standard error of their mean is small enough everywhere in the mean.
+    """SamplePairs members of a clip until the standard error of their mean is small enough everywhere in the mean.
 
     Args:
         clip: the window's frames.

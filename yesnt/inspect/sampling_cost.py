@@ -54,16 +54,16 @@ def forecast_evaluations(session: Session, graph: Graph) -> Evaluations:
     todo = [node for node in nodes if not _settled(session, graph, node)]
     members = settings.rounds()[0].stop
     least, most, expected = 0.0, 0.0, 0.0
-    at_most = members if print_of.expects else settings.samples  # without a tolerance both are the same
-    shares, basis = _shares(session, nodes, patches, print_of.evaluations * at_most)
+    at_most = members if print_of.predicts_mean else settings.samples  # without a tolerance both are the same
+    shares, basis = _shares(session, nodes, patches, print_of.nfe * at_most)
     for node in todo:
-        one = patches[node.id] * print_of.evaluations
+        one = patches[node.id] * print_of.nfe
         between = node.arguments.get("keyframe") is not None
         least += 0 if between else one * members
         most += one * at_most
         open_ended = between or members < at_most
         expected += one * at_most * (shares["between" if between else "full"] if open_ended else 1)
-    fixed = sum(patches.values()) * print_of.evaluations * settings.samples
+    fixed = sum(patches.values()) * print_of.nfe * settings.samples
     return Evaluations(round(least), round(expected), round(most), fixed, settings.samples, basis)
 
 

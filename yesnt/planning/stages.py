@@ -190,7 +190,7 @@ class ShotPlan:
             upstream = [("decompose", keyframe), *(("flow", f) for f in way)]
         arguments: dict[str, Any] = {"keyframe": keyframe, "mix": mix}
         if self.backend is not None and mix:  # network evaluations of a window's member, a frame
-            arguments["cost"] = self.backend.footprint.evaluations / self.backend.footprint.window
+            arguments["cost"] = self.backend.footprint.nfe / self.backend.footprint.window
         return self._node("decompose", frame, settings | {"mix": mix}, inputs, upstream, keys, arguments)
 
     def flow(self, frame: int) -> Node:

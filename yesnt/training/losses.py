@@ -1,4 +1,4 @@
-"""What the embedded model is trained with: a proper score of its draws, and a plain error of what it expects."""
+"""What the embedded model is trained with: a proper score of its draws, and a plain error of what it predicts_mean."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def energy_score(first: torch.Tensor, second: torch.Tensor, clean: torch.Tensor,
     return total
 
 
-def reading_loss(
+def estimator_loss(
     condition: torch.Tensor,
     classes: torch.Tensor,
     clean: torch.Tensor,
@@ -56,8 +56,10 @@ def reading_loss(
     return square + 0.1 * F.cross_entropy(classes, kind[:, ::2, ::2], importance, ignore_index=-1)
 
 
-def whole_loss(scores: torch.Tensor, truth: torch.Tensor, kind: torch.Tensor, importance: torch.Tensor) -> torch.Tensor:
-    """As `reading_loss`, of the subject in small: every example teaches where on a subject which stuff is worn.
+def context_loss(
+    scores: torch.Tensor, truth: torch.Tensor, kind: torch.Tensor, importance: torch.Tensor
+) -> torch.Tensor:
+    """As `estimator_loss`, of the subject in small: every example teaches where on a subject which stuff is worn.
 
     Args:
         scores: [B, 2 + classes, h, w] expected roughness and metallic in [-1, 1], then the classes.

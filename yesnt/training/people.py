@@ -15,9 +15,9 @@ from yesnt.capture_stage.pose import Body, skin
 from yesnt.capture_stage.wardrobe import Dressed, dress
 from yesnt.core.camera import Camera
 from yesnt.training.bodies import draw_pose
-from yesnt.training.garments import Outfit, draw_outfit
-from yesnt.training.photo import Subject, View, shoot
-from yesnt.training.synthetic.materials import EVERYDAY, Habits
+from yesnt.training.garments import Garments, draw_garments
+from yesnt.training.photo import Subject, View, render_subject
+from yesnt.training.synthetic.materials import DEFAULT_STYLE, MaterialStyle
 from yesnt.training.synthetic.render import Rendering
 
 Float32 = NDArray[np.float32]
@@ -37,18 +37,18 @@ class Person:
     Attributes:
         body: bare.
         dressed: with the clothes' thickness.
-        outfit: what is worn.
+        garments: what is worn.
     """
 
     body: Body
     dressed: Dressed
-    outfit: Outfit
+    garments: Garments
 
 
-def draw_person(rng: np.random.Generator, body: Body, habits: Habits = EVERYDAY) -> Person:
+def draw_person(rng: np.random.Generator, body: Body, style: MaterialStyle = DEFAULT_STYLE) -> Person:
     """Dresses a body."""
-    outfit = draw_outfit(rng, habits)
-    return Person(body, dress(body, outfit.coat(), folds=rng.uniform(0, 0.007)), outfit)
+    garments = draw_garments(rng, style)
+    return Person(body, dress(body, garments.coat(), folds=rng.uniform(0, 0.007)), garments)
 
 
 @lru_cache(maxsize=4)
@@ -57,7 +57,7 @@ def open_body(path: Path) -> Body:
     return Body.open(path)
 
 
-def photograph(rng: np.random.Generator, person: Person) -> Rendering:
+def render_person(rng: np.random.Generator, person: Person) -> Rendering:
     """Poses the person, aims a camera, lights and shades."""
     vertices = skin(person.body, draw_pose(rng, person.body), person.dressed.vertices)
     camera = _draw_camera(rng, vertices)
@@ -65,9 +65,9 @@ def photograph(rng: np.random.Generator, person: Person) -> Rendering:
     faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]).astype(np.int32)
     subject = Subject(
         vertices, faces, vertex_normals(vertices, quads), _surface_coordinates(rng, person),
-        partial(_garment, person), person.outfit.materials(),
+        partial(_garment, person), person.garments.materials(),
     )  # fmt: skip
-    return shoot(rng, subject, camera)
+    return render_subject(rng, subject, camera)
 
 
 def _draw_camera(rng: np.random.Generator, vertices: Float64) -> Camera:
@@ -88,10 +88,10 @@ def _draw_camera(rng: np.random.Generator, vertices: Float64) -> Camera:
 def _garment(person: Person, view: View) -> NDArray[np.int32]:
     """[H, W] number of the topmost garment at each pixel, -1 where nobody is."""
     seen = view.seen
-    asked = {place.field for layer in person.outfit.layers for place in layer.where}
+    asked = {place.field for layer in person.garments.layers for place in layer.where}
     fields = {name: view.interpolate(person.dressed.fields[name]) for name in asked}
     number = np.where(seen, 0, -1).astype(np.int32)
-    for index, layer in enumerate(person.outfit.layers):
+    for index, layer in enumerate(person.garments.layers):
         inside = seen.copy()
         for place in layer.where:
             inside &= (fields[place.field] > place.low) & (fields[place.field] < place.high)

@@ -83,7 +83,7 @@ class Subject:
     materials: NDArray[np.void]
 
 
-def shoot(rng: np.random.Generator, subject: Subject, camera: Camera) -> Rendering:
+def render_subject(rng: np.random.Generator, subject: Subject, camera: Camera) -> Rendering:
     """Paints what frame 0 of a camera sees of the subject and lights it with a drawn capture light."""
     scene = ProxyScene.from_arrays(subject.vertices, subject.faces)
     view = View.look(camera, scene, subject.faces)

@@ -9,41 +9,45 @@ from pathlib import Path
 import numpy as np
 
 from yesnt.io.durable import durable_path
-from yesnt.training.people import draw_person, open_body, photograph
-from yesnt.training.procedural_objects import draw_thing, photograph_thing
-from yesnt.training.synthetic.materials import EVERYDAY, Habits
+from yesnt.training.people import draw_person, open_body, render_person
+from yesnt.training.procedural_objects import draw_object, render_object
+from yesnt.training.synthetic.materials import DEFAULT_STYLE, MaterialStyle
 from yesnt.training.synthetic.render import Rendering
 
-WARDROBES = ((400, EVERYDAY), (150, Habits(bold=0.6)), (250, Habits(bold=0.3, toned=0.5)))
-"""How many people have which habits, in the order of their numbers; everyday hardly shows a print or a beige shirt."""
+STYLE_GROUPS = (
+    (400, DEFAULT_STYLE),
+    (150, MaterialStyle(cloth_print=0.6)),
+    (250, MaterialStyle(cloth_print=0.3, borrowed_colour=0.5)),
+)
+"""How many people have which style, in the order of their numbers; everyday hardly shows a print or a beige shirt."""
 
-PEOPLE = sum(count for count, _ in WARDROBES)
+PEOPLE = sum(count for count, _ in STYLE_GROUPS)
 """People in the whole archive."""
 
 VIEWS = 3
 """Poses, cameras and lights that each dressed person is seen in."""
 
-THINGS = 600
+OBJECTS = 600
 """Single things in the archive."""
 
-THING_VIEWS = 2
+OBJECT_VIEWS = 2
 """Cameras and lights that each thing is seen in."""
 
 
-def habits_of(number: int) -> Habits:
+def style_of(number: int) -> MaterialStyle:
     """What the number-th person likes to wear."""
-    for count, habits in WARDROBES:
+    for count, style in STYLE_GROUPS:
         if number < count:
-            return habits
+            return style
         number -= count
     raise ValueError(f"the archive has {PEOPLE} people")
 
 
-def everybody() -> list[int]:
+def interleaved_people() -> list[int]:
     """Numbers of all people in the order they are made and shown: any beginning has its share of every wardrobe."""
-    starts = np.cumsum([0, *(count for count, _ in WARDROBES)])
+    starts = np.cumsum([0, *(count for count, _ in STYLE_GROUPS)])
     turns = []
-    for start, (count, _) in zip(starts[:-1], WARDROBES, strict=True):
+    for start, (count, _) in zip(starts[:-1], STYLE_GROUPS, strict=True):
         turns += [((k + 0.5) / count, int(start) + k) for k in range(count)]
     return [number for _, number in sorted(turns)]
 
@@ -60,24 +64,24 @@ def make_person(folder: Path, seed: int, number: int, bodies: Sequence[Path]) ->
         return False
     rng = np.random.Generator(np.random.Philox(key=[seed, number]))
     body = open_body(bodies[number % len(bodies)])
-    person = draw_person(rng, body, habits_of(number))
-    _keep(path, [photograph(rng, person) for _ in range(VIEWS)])
+    person = draw_person(rng, body, style_of(number))
+    _keep(path, [render_person(rng, person) for _ in range(VIEWS)])
     return True
 
 
-def thing_path(folder: Path, seed: int, number: int) -> Path:
+def object_path(folder: Path, seed: int, number: int) -> Path:
     """Where the number-th thing's pictures are kept."""
     return folder / f"things.{seed}" / f"{number:05d}.npz"
 
 
-def make_thing(folder: Path, seed: int, number: int) -> bool:
+def make_object(folder: Path, seed: int, number: int) -> bool:
     """Makes one thing's pictures; False if they were there."""
-    path = thing_path(folder, seed, number)
+    path = object_path(folder, seed, number)
     if path.exists():
         return False
     rng = np.random.Generator(np.random.Philox(key=[seed, 1_000_000 + number]))
-    thing = draw_thing(rng)
-    _keep(path, [photograph_thing(rng, thing) for _ in range(THING_VIEWS)])
+    thing = draw_object(rng)
+    _keep(path, [render_object(rng, thing) for _ in range(OBJECT_VIEWS)])
     return True
 
 

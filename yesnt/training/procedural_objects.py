@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from yesnt.capture_stage.cameras import look_at
 from yesnt.capture_stage.paint import vertex_normals
 from yesnt.core.camera import Camera
-from yesnt.training.photo import Subject, View, shoot
+from yesnt.training.photo import Subject, View, render_subject
 from yesnt.training.solids import SOLIDS, Builder, Solid, device, drapery, tube, vessel
-from yesnt.training.synthetic.materials import MATERIAL, Habits, draw_class, paint
+from yesnt.training.synthetic.materials import MATERIAL, MaterialStyle, draw_class, paint
 from yesnt.training.synthetic.render import Rendering
 
 Float64 = NDArray[np.float64]
@@ -21,7 +21,7 @@ Float64 = NDArray[np.float64]
 SIDE = 256
 """Pixels of a square picture."""
 
-_HABITS = Habits(bold=0.4, toned=0.3, painted=0.4)
+_STYLE = MaterialStyle(cloth_print=0.4, borrowed_colour=0.3, solid_print=0.4)
 _METALS = ("brushed metal", "polished metal", "polished metal", "worn metal")
 _CLOTH = ("woven",) * 4 + ("knit",) * 2 + ("denim", "satin", "satin", "leather")
 _LIKELY: dict[Builder, tuple[str, ...]] = {
@@ -37,7 +37,7 @@ _TRIM: dict[Builder, tuple[str, ...]] = {drapery: (*_CLOTH, "brushed metal", "po
 
 
 @dataclass(frozen=True)
-class Thing:
+class ProceduralObject:
     """A painted solid.
 
     Attributes:
@@ -53,24 +53,24 @@ class Thing:
     materials: NDArray[np.void]
 
 
-def draw_thing(rng: np.random.Generator) -> Thing:
-    """Draws a solid, its zones and their materials."""
+def draw_object(rng: np.random.Generator) -> ProceduralObject:
+    """SamplePairs a solid, its zones and their materials."""
     build = SOLIDS[int(rng.integers(len(SOLIDS)))]
     solid = build(rng)
     likely = _LIKELY[build]
     main = str(rng.choice(likely)) if rng.random() < 0.9 else draw_class(rng)
     further = _TRIM.get(build, likely)
     names = [main, *(str(rng.choice([main, *further])) for _ in range(int(rng.integers(0, 4))))]
-    materials = np.array([paint(rng, name, _HABITS) for name in names], dtype=MATERIAL)
+    materials = np.array([paint(rng, name, _STYLE) for name in names], dtype=MATERIAL)
     parts = int(solid.along.max()) + 1
     inner = [n + np.sort(rng.random(int(rng.integers(0, 5 if parts == 1 else 2)))) for n in range(parts)]
     edges = np.sort(np.concatenate([np.arange(1, parts + 1), *inner]))
     # Every other zone is of the main material, so that it is the one that is seen most.
     zones = np.where(rng.random(len(edges)) < 0.5, 0, rng.integers(0, len(names), len(edges))).astype(np.int32)
-    return Thing(solid, edges, zones, materials)
+    return ProceduralObject(solid, edges, zones, materials)
 
 
-def photograph_thing(rng: np.random.Generator, thing: Thing) -> Rendering:
+def render_object(rng: np.random.Generator, thing: ProceduralObject) -> Rendering:
     """Aims a camera, lights and shades; the thing fills a third to all of the picture."""
     metres = 0.3
     turn = look_at(np.zeros(3), rng.standard_normal(3) + 1e-3)[:3, :3] if rng.random() < 0.5 else np.eye(3)
@@ -84,7 +84,7 @@ def photograph_thing(rng: np.random.Generator, thing: Thing) -> Rendering:
         vertices, faces, vertex_normals(vertices, faces), thing.solid.uv * metres * pixels * rng.uniform(0.7, 1.4),
         partial(_zone, thing), thing.materials,
     )  # fmt: skip
-    return shoot(rng, subject, camera)
+    return render_subject(rng, subject, camera)
 
 
 def _draw_camera(rng: np.random.Generator, middle: Float64, radius: float) -> Camera:
@@ -99,7 +99,7 @@ def _draw_camera(rng: np.random.Generator, middle: Float64, radius: float) -> Ca
     return Camera(SIDE, SIDE, focal, focal, SIDE / 2, SIDE / 2, {0: pose})
 
 
-def _zone(thing: Thing, view: View) -> NDArray[np.int32]:
+def _zone(thing: ProceduralObject, view: View) -> NDArray[np.int32]:
     """[H, W] number of the material at each pixel, -1 where nothing is."""
     along = view.interpolate(thing.solid.along)
     zone = np.minimum(np.searchsorted(thing.edges, along, side="right"), len(thing.edges) - 1)

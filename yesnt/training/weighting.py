@@ -1,6 +1,6 @@
 """Teaches the denoiser to weigh two opinions: where they are apart, draws have to spread.
 
-Reader and second opinion stay as they are. Pictures are of subjects that the perceptron was not shown, since on those
+Estimator and second opinion stay as they are. Pictures are of subjects that the perceptron was not shown, since on those
 it was shown it agrees with the truth more often than it ever will on a shot.
 """
 
@@ -13,24 +13,24 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from yesnt.decompose.auxiliary import SURVEY_SIDE, Opinion, heard
+from yesnt.decompose.auxiliary import AUXILIARY_INPUT_SIDE, AuxiliaryPredictor, fuse_predictions
 from yesnt.decompose.global_context import ContextBatch
 from yesnt.decompose.network import Network, at_patch
 from yesnt.decompose.weights import PATCH, channels_last, save_weights
 from yesnt.training.checkpoint import write_state
-from yesnt.training.draws import Draws
+from yesnt.training.draws import SamplePairs
 from yesnt.training.losses import energy_score
 from yesnt.training.pictures import open_views
-from yesnt.training.synthetic.dataset import Patches, crop, disguise
-from yesnt.training.synthetic.materials import importance
-from yesnt.training.trainer import course, draw_shrink
+from yesnt.training.synthetic.dataset import Patches, crop, recolour_garments
+from yesnt.training.synthetic.materials import class_weights
+from yesnt.training.trainer import draw_shrink, rate_schedule
 
-_TURNED, _DISGUISED = 0.2, 0.2
+_TURNED, _RECOLOURED = 0.2, 0.2
 """How often a picture's colours are turned, or somebody's clothes dyed: between the bold world and the usual one."""
 
 
 @dataclass(frozen=True)
-class WeighingSettings:
+class WeightingSettings:
     """What determines how the denoiser learns on.
 
     Attributes:
@@ -50,11 +50,11 @@ class WeighingSettings:
     ema: float = 0.99
 
 
-def with_opinion(network: Network, opinion: Opinion) -> Network:
+def with_auxiliary(network: Network, auxiliary: AuxiliaryPredictor) -> Network:
     """A network that hears a second opinion, and whose denoiser does not heed yet how far apart the two are."""
-    widths = (opinion.hidden.in_channels, opinion.hidden.out_channels)
-    joined = Network(replace(network.shape, opinion=widths))
-    joined.reader, joined.opinion = network.reader, opinion
+    widths = (auxiliary.hidden.in_channels, auxiliary.hidden.out_channels)
+    joined = Network(replace(network.shape, auxiliary=widths))
+    joined.estimator, joined.auxiliary = network.estimator, auxiliary
     state = network.denoiser.state_dict()
     stem = joined.denoiser.stem.weight.new_zeros(joined.denoiser.stem.weight.shape)
     stem[:, : state["stem.weight"].shape[1]] = state["stem.weight"]
@@ -62,23 +62,23 @@ def with_opinion(network: Network, opinion: Opinion) -> Network:
     return channels_last(joined.eval().requires_grad_(False))
 
 
-class Weigher:
+class WeightingTrainer:
     """Network, averaged denoiser and optimiser at a step.
 
     Args:
         settings: what to do.
-        network: of `with_opinion`.
+        network: of `with_auxiliary`.
         paths: files of the archive that are shown.
     """
 
-    def __init__(self, settings: WeighingSettings, network: Network, paths: Sequence[Path]) -> None:
-        if network.opinion is None:
+    def __init__(self, settings: WeightingSettings, network: Network, paths: Sequence[Path]) -> None:
+        if network.auxiliary is None:
             raise ValueError("a network without a second opinion has nothing to weigh")
-        self.settings, self.network, self._paths, self._opinion = settings, network, paths, network.opinion
+        self.settings, self.network, self._paths, self._auxiliary = settings, network, paths, network.auxiliary
         self.averaged = {name: value.clone() for name, value in network.denoiser.state_dict().items()}
         network.denoiser.requires_grad_(True)
         self.optimiser = torch.optim.AdamW(network.denoiser.parameters(), lr=settings.rate, weight_decay=0.02)
-        self._draws = Draws(settings.seed, settings.patch)
+        self._draws = SamplePairs(settings.seed, settings.patch)
         self.step = 0
 
     def advance(self) -> float:
@@ -88,13 +88,13 @@ class Weigher:
         )
         clean = 2 * truth - 1
         with torch.no_grad():
-            condition = self.network.reader(rgb, matte, ContextBatch(whole, place))
-            told = torch.cat([self._opinion(picture[None]) for picture in survey])
-            condition = heard(condition, at_patch(told, place, condition.shape[-1]))
-        weights = matte * torch.from_numpy(importance())[kind.clamp_min(0)][:, None]
+            condition = self.network.estimator(rgb, matte, ContextBatch(whole, place))
+            told = torch.cat([self._auxiliary(picture[None]) for picture in survey])
+            condition = fuse_predictions(condition, at_patch(told, place, condition.shape[-1]))
+        weights = matte * torch.from_numpy(class_weights())[kind.clamp_min(0)][:, None]
         draws = self._draws.pair(self.network.denoiser, condition, clean, self.step)
         loss = energy_score(*draws, clean, weights)
-        self.optimiser.param_groups[0]["lr"] = self.settings.rate * course(self.step, self.settings.steps)
+        self.optimiser.param_groups[0]["lr"] = self.settings.rate * rate_schedule(self.step, self.settings.steps)
         self.optimiser.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
         torch.nn.utils.clip_grad_norm_(self.network.denoiser.parameters(), 1.0)
@@ -137,18 +137,18 @@ class Weigher:
     def _example(self, rng: np.random.Generator) -> Patches:
         views = open_views(self._paths[int(rng.integers(len(self._paths)))])
         picture = views[int(rng.integers(len(views)))]
-        if rng.random() < _DISGUISED:
-            picture = disguise(rng, picture)
-        return crop(rng, picture, self.settings.patch, draw_shrink(rng), _TURNED, SURVEY_SIDE)
+        if rng.random() < _RECOLOURED:
+            picture = recolour_garments(rng, picture)
+        return crop(rng, picture, self.settings.patch, draw_shrink(rng), _TURNED, AUXILIARY_INPUT_SIDE)
 
 
-def weigh(weigher: Weigher, folder: Path, every: int = 50) -> Iterator[tuple[int, float]]:
+def train_weighting(trainer: WeightingTrainer, folder: Path, every: int = 50) -> Iterator[tuple[int, float]]:
     """Runs to the last step; yields (step, mean loss) and saves a checkpoint and weights every `every` steps."""
     losses: list[float] = []
-    while weigher.step < weigher.settings.steps:
-        losses.append(weigher.advance())
-        if weigher.step % every == 0 or weigher.step == weigher.settings.steps:
-            weigher.save(folder / "weighing.pt")
-            save_weights(weigher.result(), folder / "embedded.safetensors", weigher.settings.patch)
-            yield weigher.step, float(np.mean(losses))
+    while trainer.step < trainer.settings.steps:
+        losses.append(trainer.advance())
+        if trainer.step % every == 0 or trainer.step == trainer.settings.steps:
+            trainer.save(folder / "weighting.pt")
+            save_weights(trainer.result(), folder / "embedded.safetensors", trainer.settings.patch)
+            yield trainer.step, float(np.mean(losses))
             losses.clear()

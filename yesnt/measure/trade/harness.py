@@ -16,7 +16,7 @@ from yesnt.core.camera import Camera
 from yesnt.core.color import srgb_encode
 from yesnt.decompose.confidence import confidence
 from yesnt.decompose.registry import open_backend
-from yesnt.decompose.reuse import Link, carry_back
+from yesnt.decompose.reuse import Link, propagate_keyframe
 from yesnt.decompose.settings import EnsembleSettings, keyframe_after
 from yesnt.io import shot_inputs
 from yesnt.io.jobfile import frame_path
@@ -103,11 +103,11 @@ class Lab:
                 prior = None
                 if key != position:
                     way = self.mattes[position : key + 1]
-                    prior = carry_back(found[key].mean, found[key].std, links[position:key], list(way), settings)
+                    prior = propagate_keyframe(found[key].mean, found[key].std, links[position:key], list(way), settings)
                 found[position] = estimate_frame(
                     plate.color, plate.matte, backend, settings, seed, self.frames[position], prior
                 )
-            spent.evaluations += found[position].total_evaluations
+            spent.evaluations += found[position].total_nfe
         mean, std = (np.stack([getattr(found[p], name) for p in range(length)], axis=1) for name in ("mean", "std"))
         return mean, std, spent
 

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.decompose.global_context import CONTEXT_SIDE, Square, small_picture
+from yesnt.decompose.global_context import CONTEXT_SIDE, Square, context_image
 from yesnt.training.synthetic.light import draw_light
-from yesnt.training.synthetic.materials import CLASSES, DYED, EVERYDAY, Habits
+from yesnt.training.synthetic.materials import CLASSES, DEFAULT_STYLE, RECOLOURABLE, MaterialStyle
 from yesnt.training.synthetic.render import Rendering, render
 from yesnt.training.synthetic.scene import draw_scene
 
@@ -30,22 +30,22 @@ class Patches:
         matte: [n, 1, P, P] coverage.
         truth: [n, 2, P, P] roughness and metallic.
         kind: [n, P, P] int64 number of the material class, -1 outside the matte.
-        whole: [n, 4, S, S] the picture's subject in small, straight rgb and matte.
-        place: [n, 3] top, left and side of the patch, in sides of `whole`.
-        whole_truth: [n, 3, S/4, S/4] roughness, metallic and coverage of the subject in small.
-        whole_kind: [n, S/4, S/4] int64 its class, -1 outside the matte.
-        survey: [n, 4, V, V] as `whole`, larger; V = 0: not asked for.
+        context: [n, 4, S, S] the picture's subject in small, straight rgb and matte.
+        location: [n, 3] top, left and side of the patch, in sides of `whole`.
+        context_truth: [n, 3, S/4, S/4] roughness, metallic and coverage of the subject in small.
+        context_kind: [n, S/4, S/4] int64 its class, -1 outside the matte.
+        auxiliary_input: [n, 4, V, V] as `whole`, larger; V = 0: not asked for.
     """
 
     rgb: Float32
     matte: Float32
     truth: Float32
     kind: NDArray[np.int64]
-    whole: Float32
-    place: Float32
-    whole_truth: Float32
-    whole_kind: NDArray[np.int64]
-    survey: Float32
+    context: Float32
+    location: Float32
+    context_truth: Float32
+    context_kind: NDArray[np.int64]
+    auxiliary_input: Float32
 
     def planes(self) -> tuple[NDArray[np.generic], ...]:
         """All attributes in order."""
@@ -63,57 +63,59 @@ class Patches:
 
     def mirrored(self) -> Patches:
         """A single example with left and right exchanged."""
-        top, left, side = self.place
+        top, left, side = self.location
         planes = {f.name: np.ascontiguousarray(getattr(self, f.name)[..., ::-1]) for f in fields(self)}
-        return Patches(**{**planes, "place": np.array([top, 1 - left - side, side], np.float32)})
+        return Patches(**{**planes, "location": np.array([top, 1 - left - side, side], np.float32)})
 
     def mixed(self, mix: Float32) -> Patches:
         """A single example in other colours, [3, 3] from the old."""
-        whole, survey = (
+        context, auxiliary_input = (
             np.concatenate([np.einsum("ij,jyx->iyx", mix, picture[:3]), picture[3:]])
-            for picture in (self.whole, self.survey)
+            for picture in (self.context, self.auxiliary_input)
         )
-        return replace(self, rgb=np.einsum("ij,jyx->iyx", mix, self.rgb), whole=whole, survey=survey)
+        return replace(
+            self, rgb=np.einsum("ij,jyx->iyx", mix, self.rgb), context=context, auxiliary_input=auxiliary_input
+        )
 
     def transposed(self) -> Patches:
         """A single example with rows and columns exchanged."""
         planes = {
             f.name: np.ascontiguousarray(getattr(self, f.name).swapaxes(-1, -2))
             for f in fields(self)
-            if f.name != "place"
+            if f.name != "location"
         }
-        return Patches(**planes, place=self.place[[1, 0, 2]])
+        return Patches(**planes, location=self.location[[1, 0, 2]])
 
 
 @dataclass(frozen=True)
-class Variety:
+class Augmentation:
     """How far pictures go beyond what is usual.
 
     Attributes:
-        habits: how stuff in heaps is coloured.
-        turned: probability that an example's colours are turned: blue skin, a grey world.
-        disguised: probability that somebody's clothes take the colour of the wearer's skin, or of a metal.
+        style: how stuff in heaps is coloured.
+        colour_mixing: probability that an example's colours are colour_mixing: blue skin, a grey world.
+        recoloured: probability that somebody's clothes take the colour of the wearer's skin, or of a metal.
     """
 
-    habits: Habits = EVERYDAY
-    turned: float = 0.0
-    disguised: float = 0.0
+    style: MaterialStyle = DEFAULT_STYLE
+    colour_mixing: float = 0.0
+    recoloured: float = 0.0
 
 
-USUAL = Variety()
+USUAL = Augmentation()
 
 
-def draw_patches(seed: int, index: int, count: int, patch: int, variety: Variety = USUAL) -> Patches:
-    """Draws `count` patches of heap number `index`: crops, mirrored and seen through different cameras."""
+def draw_patches(seed: int, index: int, count: int, patch: int, augmentation: Augmentation = USUAL) -> Patches:
+    """SamplePairs `count` patches of heap number `index`: crops, mirrored and seen through different cameras."""
     rng = np.random.Generator(np.random.Philox(key=[seed, index]))
-    picture = draw_picture(rng, patch + MARGIN, variety.habits)
-    return Patches.stack([crop(rng, picture, patch, turned=variety.turned) for _ in range(count)])
+    picture = draw_picture(rng, patch + MARGIN, augmentation.style)
+    return Patches.stack([crop(rng, picture, patch, colour_mixing=augmentation.colour_mixing) for _ in range(count)])
 
 
-def draw_picture(rng: np.random.Generator, size: int, habits: Habits = EVERYDAY) -> Rendering:
+def draw_picture(rng: np.random.Generator, size: int, style: MaterialStyle = DEFAULT_STYLE) -> Rendering:
     """Renders one scene of size x size pixels that fills at least a fifth of it."""
     while True:
-        scene = draw_scene(rng, 2 * size, habits)
+        scene = draw_scene(rng, 2 * size, style)
         if (scene.geometry.material >= 0).mean() > 0.2:
             return render(scene.geometry, scene.paints(), draw_light(rng))
 
@@ -123,8 +125,8 @@ def crop(
     picture: Rendering,
     patch: int,
     shrink: float = 1.0,
-    turned: float = 0.0,
-    survey: int = 0,
+    colour_mixing: float = 0.0,
+    auxiliary_input: int = 0,
 ) -> Patches:
     """A random patch, a single example, with at least a twelfth of it inside the matte (best of ten tries).
 
@@ -133,8 +135,8 @@ def crop(
         picture: at least `shrink` times as large as the patch.
         patch: side P.
         shrink: the patch shows so many times its size of the picture, averaged.
-        turned: probability that the colours are turned.
-        survey: side of a larger picture of the whole subject; 0: none.
+        colour_mixing: probability that the colours are colour_mixing.
+        auxiliary_input: side of a larger picture of the whole subject; 0: none.
     """
     side = min(round(patch * shrink), *picture.matte.shape)
     room = np.array(picture.matte.shape) - side + 1
@@ -147,19 +149,19 @@ def crop(
     square = Square.around(picture.matte.astype(np.float32))
     example = Patches(
         rgb, matte[None], planes[4:6], planes[6].astype(np.int64),
-        _whole(picture, square, gain, CONTEXT_SIDE), np.array(square.place(int(y), int(x), side), np.float32),
-        *whole_truth(picture, square, CONTEXT_SIDE // 4), _whole(picture, square, gain, survey),
+        _exposed_context(picture, square, gain, CONTEXT_SIDE), np.array(square.locate(int(y), int(x), side), np.float32),
+        *context_truth(picture, square, CONTEXT_SIDE // 4), _exposed_context(picture, square, gain, auxiliary_input),
     )  # fmt: skip
     if rng.random() < 0.5:
         example = example.mirrored()
     if rng.random() < 0.1:
         example = example.transposed()
-    if turned > 0 and rng.random() < turned:
+    if colour_mixing > 0 and rng.random() < colour_mixing:
         example = example.mixed(draw_mix(rng))
     return example
 
 
-def disguise(rng: np.random.Generator, picture: Rendering) -> Rendering:
+def recolour_garments(rng: np.random.Generator, picture: Rendering) -> Rendering:
     """The picture with its cloth dyed in the wearer's colour: only shape, print and place tell a shirt from a chest.
 
     Each cloth's radiance is multiplied until its mean is the skin's (or a pale grey's). That dyes its faint gloss too,
@@ -169,7 +171,7 @@ def disguise(rng: np.random.Generator, picture: Rendering) -> Rendering:
     whole = picture.matte > 0.99
     skin = (picture.kind == names.index("skin")) & whole
     rgb = picture.rgb.astype(np.float32)
-    for name in DYED:
+    for name in RECOLOURABLE:
         cloth = picture.kind == names.index(name)
         if (cloth & whole).sum() < 100 or rng.random() > 0.8:
             continue
@@ -190,17 +192,17 @@ def draw_mix(rng: np.random.Generator) -> Float32:
     return (strength * np.eye(3)[rng.permutation(3)] + (1 - strength) / 3).astype(np.float32)
 
 
-def _whole(picture: Rendering, square: Square, gain: Float32, side: int) -> Float32:
+def _exposed_context(picture: Rendering, square: Square, gain: Float32, side: int) -> Float32:
     """The subject in small, exposed like the patch; what noise the camera adds is averaged away."""
     if side == 0:
         return np.zeros((4, 0, 0), np.float32)
     matte = picture.matte.astype(np.float32)
     straight = picture.rgb.astype(np.float32) / np.maximum(matte, 1 / 512)
-    small = small_picture(straight.astype(np.float32), matte, square, side)
+    small = context_image(straight.astype(np.float32), matte, square, side)
     return np.concatenate([small[:3] * gain[:, None, None], small[3:]]).astype(np.float32)
 
 
-def whole_truth(picture: Rendering, square: Square, side: int) -> tuple[Float32, NDArray[np.int64]]:
+def context_truth(picture: Rendering, square: Square, side: int) -> tuple[Float32, NDArray[np.int64]]:
     """Roughness, metallic and coverage [3, side, side] of the subject in small, and the class."""
     matte = picture.matte.astype(np.float32)
     small = square.shrink(np.concatenate([picture.truth * matte, matte[None]]), side)

@@ -35,12 +35,12 @@ class Light:
 
 
 def draw_light(rng: np.random.Generator) -> Light:
-    """Draws a light whose mean radiance is 1."""
+    """SamplePairs a light whose mean radiance is 1."""
     return prefiltered(draw_radiance(rng))
 
 
 def draw_radiance(rng: np.random.Generator) -> Float64:
-    """Draws the map of a light whose mean radiance is 1, [ROWS, COLUMNS, 3]: every other one a rig of wide panels."""
+    """SamplePairs the map of a light whose mean radiance is 1, [ROWS, COLUMNS, 3]: every other one a rig of wide panels."""
     direction = _directions()
     radiance = np.ones((ROWS, COLUMNS, 3))
     if rng.random() < 0.5:

@@ -68,7 +68,7 @@ class MaterialClass:
         roughness: (mean, standard deviation, lowest, highest) of a material's mean roughness.
         colours: palette; empty for any colour.
         tiles: fine patterns that suit it.
-        wild: probability of a colour outside the palette.
+        off_palette: probability of a colour outside the palette.
         metallic: 1 for bare metal.
         contrast: largest colour contrast of the fine pattern.
         variation: largest change of roughness within one material.
@@ -80,7 +80,7 @@ class MaterialClass:
     roughness: tuple[float, float, float, float]
     colours: Colours
     tiles: tuple[str, ...]
-    wild: float
+    off_palette: float
     metallic: float
     contrast: float
     variation: float
@@ -89,35 +89,35 @@ class MaterialClass:
 
 
 _PRINTS = ("stripes", "checks", "dots", "blotches")
-_BOLD = ("checks", "checks", "chequers", "chequers", "stripes", "stripes", "dots")
-_PRINTABLE = ("woven", "knit", "satin", "denim", "leather")
-_GLAZED = ("ceramic", "plastic", "moulded plastic", "wood")
-DYED = (*_PRINTABLE, "rubber", "plastic", "moulded plastic")
+_LARGE_PRINTS = ("checks", "checks", "chequers", "chequers", "stripes", "stripes", "dots")
+_CLOTH = ("woven", "knit", "satin", "denim", "leather")
+_SOLID = ("ceramic", "plastic", "moulded plastic", "wood")
+RECOLOURABLE = (*_CLOTH, "rubber", "plastic", "moulded plastic")
 """Classes that come in any colour."""
-_TONES = ("skin", "skin", "skin", "hair", "leather", "polished metal")
+_COLOUR_DONORS = ("skin", "skin", "skin", "hair", "leather", "polished metal")
 """Classes whose colours other stuff wears too: a beige shirt, a grey glove."""
 
 
 @dataclass(frozen=True)
-class Habits:
+class MaterialStyle:
     """How stuff is coloured beyond what its class does by itself.
 
     Attributes:
-        bold: probability that cloth is printed with checks, chequers, stripes or dots.
-        toned: probability that cloth, rubber or plastic has a colour of skin, hair, leather or metal.
-        painted: as `bold`, of ceramic, plastic and wood.
+        cloth_print: probability that cloth is printed with checks, chequers, stripes or dots.
+        borrowed_colour: probability that cloth, rubber or plastic has a colour of skin, hair, leather or metal.
+        solid_print: as `cloth_print`, of ceramic, plastic and wood.
     """
 
-    bold: float = 0.0
-    toned: float = 0.0
-    painted: float = 0.0
+    cloth_print: float = 0.0
+    borrowed_colour: float = 0.0
+    solid_print: float = 0.0
 
 
-EVERYDAY = Habits()
+DEFAULT_STYLE = MaterialStyle()
 
 _TABLE = (
     # name, (mean, std, lowest, highest) of roughness, colours, tiles,
-    #   wild, metallic, contrast, variation, bump, fold
+    #   off_palette, metallic, contrast, variation, bump, fold
     ("woven", (0.84, 0.08, 0.6, 1.0), _ANY, ("weave", "weave", "plain", "gritty", "mottled", *_PRINTS),
         0.1, 0, 0.3, 0.06, 0.4, 6),
     ("knit", (0.88, 0.07, 0.65, 1.0), _ANY, ("knit", "knit", "gritty", "stripes"), 0.1, 0, 0.3, 0.06, 0.6, 5),
@@ -148,16 +148,16 @@ PRIOR = {
 """Relative frequency of a class where nothing else decides."""
 
 
-SELDOM = {"satin": 0.3, "leather": 0.45}
+CLASS_WEIGHTS = {"satin": 0.3, "leather": 0.45}
 """How much a pixel of a class counts in the training, where not 1.
 
 Pictures show a third of all cloth in satin and leather, so that both are learnt. Most clothes are neither, and a model
 that takes every third shirt for silk is wrong on most."""
 
 
-def importance() -> NDArray[np.float32]:
+def class_weights() -> NDArray[np.float32]:
     """[classes] how much a pixel of each class counts."""
-    return np.array([SELDOM.get(name, 1.0) for name in CLASSES], np.float32)
+    return np.array([CLASS_WEIGHTS.get(name, 1.0) for name in CLASSES], np.float32)
 
 
 def draw_class(rng: np.random.Generator) -> str:
@@ -166,25 +166,25 @@ def draw_class(rng: np.random.Generator) -> str:
     return str(rng.choice(list(PRIOR), p=weights / weights.sum()))
 
 
-def paint(rng: np.random.Generator, name: str, habits: Habits = EVERYDAY) -> NDArray[np.void]:
-    """Draws one material of a class, a `MATERIAL` record."""
+def paint(rng: np.random.Generator, name: str, style: MaterialStyle = DEFAULT_STYLE) -> NDArray[np.void]:
+    """SamplePairs one material of a class, a `MATERIAL` record."""
     kind = CLASSES[name]
     material = np.zeros((), MATERIAL)
     mean, std, low, high = kind.roughness
-    toned = habits.toned > 0 and name in DYED and rng.random() < habits.toned
-    base = _colour(rng, CLASSES[str(rng.choice(_TONES))] if toned else kind)
+    borrowed = style.borrowed_colour > 0 and name in RECOLOURABLE and rng.random() < style.borrowed_colour
+    base = _colour(rng, CLASSES[str(rng.choice(_COLOUR_DONORS))] if borrowed else kind)
     tile = str(rng.choice(kind.tiles))
-    chance = habits.bold if name in _PRINTABLE else habits.painted if name in _GLAZED else 0
-    dressed = chance > 0 and rng.random() < chance
-    if dressed:
-        tile = str(rng.choice(_BOLD))
+    chance = style.cloth_print if name in _CLOTH else style.solid_print if name in _SOLID else 0
+    large_print = chance > 0 and rng.random() < chance
+    if large_print:
+        tile = str(rng.choice(_LARGE_PRINTS))
     # A print is two paints on one cloth: strong contrast, no other roughness.
-    printed = dressed or tile in _PRINTS
-    finest, widest = (3.5, 40) if dressed else (6, 60) if printed else (1.6, 14)
+    printed = large_print or tile in _PRINTS
+    finest, widest = (3.5, 40) if large_print else (6, 60) if printed else (1.6, 14)
     period = np.exp(rng.uniform(np.log(finest), np.log(widest)))
     material["kind"] = list(CLASSES).index(name)
     material["base"] = base
-    ends = _colour(rng, CLASSES["woven"] if dressed else kind) if printed else base * rng.uniform(0.3, 0.9)
+    ends = _colour(rng, CLASSES["woven"] if large_print else kind) if printed else base * rng.uniform(0.3, 0.9)
     material["second"] = ends
     material["pattern"] = tile_index(tile)
     material["frequency"] = SIZE / CYCLES / period
@@ -205,7 +205,7 @@ def paint(rng: np.random.Generator, name: str, habits: Habits = EVERYDAY) -> NDA
 
 def _colour(rng: np.random.Generator, kind: MaterialClass) -> NDArray[np.float64]:
     """A colour of the palette's hull with jitter, or any colour."""
-    if kind.colours and rng.random() > kind.wild:
+    if kind.colours and rng.random() > kind.off_palette:
         i = int(rng.integers(len(kind.colours)))
         j = min(i + 1, len(kind.colours) - 1)
         mix = rng.random() if kind.colours is _SKIN else 0.0

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.training.synthetic.materials import EVERYDAY, MATERIAL, Habits, draw_class, paint
+from yesnt.training.synthetic.materials import DEFAULT_STYLE, MATERIAL, MaterialStyle, draw_class, paint
 from yesnt.training.synthetic.shapes import GeometryBuffer
 
 Float64 = NDArray[np.float64]
@@ -25,19 +25,19 @@ class Scene:
     Attributes:
         geometry: what is seen, at twice the picture's resolution.
         rng: source of every choice.
-        habits: how stuff is coloured.
+        style: how stuff is coloured.
         materials: the paints, numbered as in `geometry.material`.
     """
 
     geometry: GeometryBuffer
     rng: np.random.Generator
-    habits: Habits = EVERYDAY
+    style: MaterialStyle = DEFAULT_STYLE
     materials: list[NDArray[np.void]] = field(default_factory=list)
 
     def paint(self, names: tuple[str, ...] = ()) -> int:
         """Adds a material of one of the classes (none: of any) and returns its number."""
         name = str(self.rng.choice(names)) if names else draw_class(self.rng)
-        self.materials.append(paint(self.rng, name, self.habits))
+        self.materials.append(paint(self.rng, name, self.style))
         return len(self.materials) - 1
 
     def paints(self) -> NDArray[np.void]:
@@ -45,9 +45,9 @@ class Scene:
         return np.array(self.materials, dtype=MATERIAL)
 
 
-def draw_scene(rng: np.random.Generator, size: int, habits: Habits = EVERYDAY) -> Scene:
+def draw_scene(rng: np.random.Generator, size: int, style: MaterialStyle = DEFAULT_STYLE) -> Scene:
     """Fills a canvas of size x size: a third with a figure of plain solids, the others with objects or sheets."""
-    scene = Scene(GeometryBuffer.empty(size), rng, habits)
+    scene = Scene(GeometryBuffer.empty(size), rng, style)
     kind = rng.random()
     if kind < 0.35:
         _figure(scene, size)
@@ -61,7 +61,7 @@ def draw_scene(rng: np.random.Generator, size: int, habits: Habits = EVERYDAY) -
 
 @dataclass(frozen=True)
 class _Body:
-    """Places a figure: unit height, origin at the crown, y down, turned about the vertical."""
+    """FeatureSamples a figure: unit height, origin at the crown, y down, turned about the vertical."""
 
     scene: Scene
     scale: float

@@ -36,10 +36,10 @@ STAGES = (
 
 _STEM = 32
 
-TOLD = (1, 2, 4, 6)
+FEATURE_STAGES = (1, 2, 4, 6)
 """Stages whose features are handed on: the last of each resolution from a quarter to a thirty-second."""
 
-TOLD_CHANNELS = tuple(STAGES[number].channels for number in TOLD)
+FEATURE_CHANNELS = tuple(STAGES[number].channels for number in FEATURE_STAGES)
 """Channels of each."""
 
 
@@ -80,7 +80,7 @@ class Bottleneck(nn.Module):
         return x + narrow if self.added else narrow
 
 
-class Trunk(nn.Module):
+class Backbone(nn.Module):
     """All blocks up to the last, and what they say at four resolutions."""
 
     def __init__(self) -> None:
@@ -107,11 +107,11 @@ class Trunk(nn.Module):
             picture: [B, 3, S, S] display code values, -1 .. 1; S a multiple of 32.
 
         Returns:
-            `TOLD_CHANNELS` channels at S/4, S/8, S/16 and S/32.
+            `FEATURE_CHANNELS` channels at S/4, S/8, S/16 and S/32.
         """
         x, told = F.relu6(self.stem(picture)), []
         for number, stage in enumerate(self.stages):
             x = stage(x)
-            if number in TOLD:
+            if number in FEATURE_STAGES:
                 told.append(x)
         return told

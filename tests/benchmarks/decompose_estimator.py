@@ -1,6 +1,6 @@
 """Does the estimator use what it was built for? Loss on pictures it never saw, whole and with each level silenced.
 
-python tests/benchmarks/decompose_reader.py CHECKPOINT [--pictures 100]
+python tests/benchmarks/decompose_estimator.py CHECKPOINT [--pictures 100]
 
 A healthy estimator loses when the coarse levels are silenced, and no level is louder than a few tens. A learning rate of
 4e-3 once drove the coarse levels to a standard deviation of several hundred: silencing them then changed nothing.

@@ -78,7 +78,7 @@ class Norm(nn.BatchNorm2d):
     """Norm of the estimator: each channel over all pixels of a training batch, as a fixed scale afterwards.
 
     A norm over the channels of a pixel let one common vector grow in the coarse levels until nothing else was left of
-    them (`tests/benchmarks/decompose_reader.py` silences each): the network then saw colours and no shapes. Here every
+    them (`tests/benchmarks/decompose_estimator.py` silences each): the network then saw colours and no shapes. Here every
     channel has to vary. A row's result depends on that row alone, since what is used is the running statistics.
     """
 

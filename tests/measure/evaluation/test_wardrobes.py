@@ -27,8 +27,8 @@ def measured():
 
 @pytest.fixture(scope="module")
 def drawn():
-    outfits = pytest.importorskip("yesnt.training.garments")
-    coats = [outfits.draw_outfit(np.random.default_rng(seed)).coat() for seed in range(DRAWN)]
+    garments = pytest.importorskip("yesnt.training.garments")
+    coats = [garments.draw_garments(np.random.default_rng(seed)).coat() for seed in range(DRAWN)]
     return [layer for coat in coats for layer in coat if layer.name not in BODY]
 
 

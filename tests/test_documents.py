@@ -6,7 +6,10 @@ import ast
 import dataclasses
 import importlib
 import inspect
+import json
 import re
+import subprocess
+import sys
 from functools import cache
 from pathlib import Path
 
@@ -309,6 +312,33 @@ def test_readme_prints_the_figures_of_the_pages_it_links_to(said: str, page: str
     assert f"]({page})" in text_of("README.md")
     places = len(figure("README.md", said).partition(".")[2])
     assert figure("README.md", said) == f"{float(figure(page, measured)):.{places}f}"
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_the_model_card_prints_what_its_command_prints() -> None:
+    command = [
+        sys.executable,
+        str(BENCHMARKS / "decompose_accuracy.py"),
+        str(ROOT / "yesnt/data/shot"),
+        "--frames",
+        "16",
+    ]
+    found = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    roughness, metallic = found["roughness"], found["metallic"]
+    rows = {
+        "RMSE (best constant)": "{rmse:.3f} ({best_constant:.3f})",
+        "Spearman of std and error": "{spearman:.2f}",
+        "std over error (root mean squares)": "{std_rms_over_rmse:.2f}",
+    }
+    for label, form in rows.items():
+        assert f"| {label} | {form.format(**roughness)} | {form.format(**metallic)} |" in text_of(CARD)
+    assert f"| area under the curve | | {metallic['auc']:.3f} |" in text_of(CARD)
+
+
+def test_the_model_card_states_the_size_of_the_weights() -> None:
+    size = (ROOT / "yesnt/data/weights/embedded.safetensors").stat().st_size
+    assert figure(CARD, r"embedded\.safetensors`, ([\d.]+) MB") == f"{size / 1e6:.1f}"
 
 
 def test_readme_has_no_figure_that_is_not_compared() -> None:

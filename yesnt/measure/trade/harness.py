@@ -103,7 +103,9 @@ class Lab:
                 prior = None
                 if key != position:
                     way = self.mattes[position : key + 1]
-                    prior = propagate_keyframe(found[key].mean, found[key].std, links[position:key], list(way), settings)
+                    prior = propagate_keyframe(
+                        found[key].mean, found[key].std, links[position:key], list(way), settings
+                    )
                 found[position] = estimate_frame(
                     plate.color, plate.matte, backend, settings, seed, self.frames[position], prior
                 )

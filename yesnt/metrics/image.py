@@ -6,13 +6,10 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import correlate1d
+from skimage.metrics import structural_similarity
 
 Picture = NDArray[np.floating]
 Mask = NDArray[np.bool_]
-
-_SIGMA, _RADIUS = 1.5, 5
-_C1, _C2 = 0.01**2, 0.03**2
 
 
 def mean_squared_error(a: Picture, b: Picture, mask: Mask | None = None) -> float:
@@ -45,22 +42,21 @@ def channel_scale(picture: Picture, truth: Picture, mask: Mask) -> NDArray[np.fl
 def ssim_map(a: Picture, b: Picture) -> NDArray[np.float64]:
     """Structural similarity [H, W], mean over channels, of pictures [H, W, C] in [0, 1] (Wang et al. 2004, eq. 13).
 
-    Gaussian window of standard deviation 1.5, 11 pixels wide, mirrored at the border; population moments.
+    Gaussian window of standard deviation 1.5, 11 pixels wide, mirrored at the border; population moments; K1 = 0.01 and
+    K2 = 0.03.
+
+    Raises:
+        ValueError: a side is shorter than the window.
     """
-    x, y = np.asarray(a, np.float64), np.asarray(b, np.float64)
-    mean_x, mean_y = _blur(x), _blur(y)
-    var_x, var_y = _blur(x * x) - mean_x**2, _blur(y * y) - mean_y**2
-    covariance = _blur(x * y) - mean_x * mean_y
-    top = (2 * mean_x * mean_y + _C1) * (2 * covariance + _C2)
-    bottom = (mean_x**2 + mean_y**2 + _C1) * (var_x + var_y + _C2)
-    similarity: NDArray[np.float64] = (top / bottom).mean(axis=-1)
-    return similarity
-
-
-def _blur(picture: NDArray[np.float64]) -> NDArray[np.float64]:
-    offsets = np.arange(-_RADIUS, _RADIUS + 1)
-    window = np.exp(-0.5 * (offsets / _SIGMA) ** 2)
-    window /= window.sum()
-    rows = correlate1d(picture, window, axis=0, mode="reflect")
-    blurred: NDArray[np.float64] = correlate1d(rows, window, axis=1, mode="reflect")
-    return blurred
+    _, similarity = structural_similarity(
+        np.asarray(a, np.float64),
+        np.asarray(b, np.float64),
+        data_range=1,
+        channel_axis=-1,
+        gaussian_weights=True,
+        sigma=1.5,
+        use_sample_covariance=False,
+        full=True,
+    )
+    mean: NDArray[np.float64] = similarity.mean(axis=-1)
+    return mean

@@ -22,7 +22,7 @@ from yesnt.planning.graph import Node, NodeId
 from yesnt.planning.stages import STAGES
 from yesnt.runtime.session import Session
 
-VERSION = 2
+VERSION = 3
 """Of this package's tasks; raised when a number changes, which makes every older record stale."""
 
 Keys = Mapping[tuple[str, int], str]

@@ -112,7 +112,7 @@ def wrong_files(path: Path) -> Iterator[str]:
 
 def wrong_names(path: Path) -> Iterator[str]:
     """Dotted names such as `yesnt.decompose.reuse` and `embedded.SHRINKAGE_FACTOR`."""
-    for name in re.findall(r"\b(yesnt(?:\.[a-z_]\w*)+)", prose(path)):
+    for name in re.findall(r"\b(yesnt(?:\.[a-z_]\w+)+)", prose(path)):
         parts = name.split(".")
         if parts[-1] in ("jinja", "zarr") or not (_module(name) or _module(".".join(parts[:-1]))):
             yield f"{name} is not a module"

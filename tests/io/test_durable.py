@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from yesnt.io.durable import disk_full, durable_path, is_full, write_bytes
+from yesnt.io import durable
+from yesnt.io.durable import PAUSES, disk_full, durable_path, is_full, write_bytes
 from yesnt.io.exr import write_exr
 
 
@@ -60,3 +61,54 @@ def test_a_write_that_is_cut_short_leaves_what_was_there(tmp_path: Path) -> None
             write_exr(tmp_path / "a.exr", {"Y": noise})
     assert (tmp_path / "a").read_bytes() == b"old"
     assert os.listdir(tmp_path) == ["a"]
+
+
+@pytest.fixture
+def pauses(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The pauses that were made; no time passes."""
+    made: list[float] = []
+    monkeypatch.setattr(durable.time, "sleep", made.append)
+    return made
+
+
+def failing(monkeypatch: pytest.MonkeyPatch, name: str, times: int, code: int) -> None:
+    """Makes a function of `os` fail that often."""
+    whole, left = getattr(os, name), [times]
+
+    def call(*arguments: object, **options: object) -> object:
+        if left[0] > 0:
+            left[0] -= 1
+            raise OSError(code, os.strerror(code))
+        return whole(*arguments, **options)
+
+    monkeypatch.setattr(os, name, call)
+
+
+@pytest.mark.parametrize("code", [errno.EACCES, errno.EBUSY, errno.ESTALE])
+@pytest.mark.parametrize("name", ["replace", "fsync", "open"])
+def test_a_disk_that_refuses_for_a_moment_is_asked_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, pauses: list[float], name: str, code: int
+) -> None:
+    failing(monkeypatch, name, 2, code)
+    write_bytes(tmp_path / "a", b"whole")
+    assert (tmp_path / "a").read_bytes() == b"whole"
+    assert pauses == list(PAUSES[:2])
+
+
+def test_a_lasting_refusal_is_reported_after_a_bounded_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, pauses: list[float]
+) -> None:
+    failing(monkeypatch, "replace", 1000, errno.EACCES)
+    with pytest.raises(PermissionError):
+        write_bytes(tmp_path / "a", b"whole")
+    assert sum(pauses) < 5
+    assert os.listdir(tmp_path) == []
+
+
+def test_other_errors_are_reported_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, pauses: list[float]
+) -> None:
+    failing(monkeypatch, "replace", 1, errno.EIO)
+    with pytest.raises(OSError, match="Input/output"):
+        write_bytes(tmp_path / "a", b"whole")
+    assert pauses == []

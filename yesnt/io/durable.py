@@ -6,16 +6,41 @@ import errno
 import json
 import os
 import shutil
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from yesnt.core.errors import CorruptError, YesntError
 from yesnt.core.fault_points import fault_point
 
+T = TypeVar("T")
+
 PARTIAL = ".partial"
 """Suffix of files that a killed process may leave; they are ignored and swept at the next run."""
+
+TRANSIENT = frozenset({errno.EACCES, errno.EAGAIN, errno.EBUSY, errno.ESTALE, errno.ETXTBSY})
+"""Errors that network disks, virus scanners and viewers of a folder cause for a moment."""
+
+PAUSES = (0.05, 0.2, 0.5, 1.0, 2.0)
+"""Seconds between attempts after a transient error. A lasting one (no permission) is reported after their sum."""
+
+
+def retried(call: Callable[[], T]) -> T:
+    """The result of a file operation, which is tried again after transient errors.
+
+    Raises:
+        OSError: any other error at once, a transient one after the last attempt.
+    """
+    for pause in PAUSES:
+        try:
+            return call()
+        except OSError as error:
+            if error.errno not in TRANSIENT:
+                raise
+        time.sleep(pause)
+    return call()
 
 
 @contextmanager
@@ -31,7 +56,7 @@ def durable_path(path: Path, prove: Callable[[Path], None] = lambda written: Non
         sync_file(temporary)
         prove(temporary)
         fault_point(f"{path.suffix.lstrip('.') or 'shard'}.before_rename")  # shards are the files without a suffix
-        os.replace(temporary, path)
+        retried(lambda: os.replace(temporary, path))
         sync_folder(path.parent)
     except BaseException as error:
         temporary.unlink(missing_ok=True)
@@ -57,13 +82,16 @@ def disk_full(error: BaseException, doing: str = "") -> YesntError:
 
 def sync_file(path: Path) -> None:
     """Waits until the file's bytes are on the disk."""
-    with path.open("rb") as stream:
-        os.fsync(stream.fileno())
+    retried(lambda: _sync(path))
 
 
 def sync_folder(folder: Path) -> None:
     """Waits until the folder's entries are on the disk."""
-    descriptor = os.open(folder, os.O_RDONLY)
+    retried(lambda: _sync(folder))
+
+
+def _sync(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
     finally:
@@ -78,11 +106,11 @@ def write_bytes(path: Path, data: bytes) -> None:
     """
 
     def prove(written: Path) -> None:
-        if written.read_bytes() != data:
+        if retried(written.read_bytes) != data:
             raise CorruptError("A file did not read back as written", str(path), "equal bytes", "check the disk")
 
     with durable_path(path, prove) as temporary:
-        temporary.write_bytes(data)
+        retried(lambda: temporary.write_bytes(data))
 
 
 def link_file(source: Path, path: Path) -> None:

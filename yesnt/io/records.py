@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from yesnt.core.fault_points import fault_point
-from yesnt.io.durable import write_json
+from yesnt.io.durable import retried, write_json
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class RecordBook:
     def find(self, stage: str, frame: int) -> Record | None:
         """The record of a frame, or None if there is none that can be read (then the frame is simply not done)."""
         try:
-            document = json.loads(self.path(stage, frame).read_text())
+            document = json.loads(retried(self.path(stage, frame).read_text))
             return Record(**document)
         except (OSError, ValueError, TypeError):
             return None

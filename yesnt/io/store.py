@@ -21,7 +21,7 @@ from zarr.storage import LocalStore
 
 from yesnt.core.channels import CHANNELS
 from yesnt.core.errors import CorruptError
-from yesnt.io.durable import link_file, write_bytes
+from yesnt.io.durable import link_file, retried, write_bytes
 
 _ZSTD_LEVEL = -1
 """Three times as fast as level 1, for shards that are a tenth larger: float noise hardly shrinks, empty pixels do."""
@@ -61,7 +61,7 @@ class FrameStore:
         """An array of the store; opened anew only if its metadata have changed since."""
         folder = self.path / name
         try:
-            metadata = (folder / "zarr.json").read_bytes()
+            metadata = retried((folder / "zarr.json").read_bytes)
         except FileNotFoundError as error:
             raise _corrupt(self.path, name, -1, "the array is not in the store") from error
         return _opened(str(folder), metadata)
@@ -141,7 +141,7 @@ class FrameStore:
         """
         array = self._array(name)
         try:
-            values = np.asarray(array[position])
+            values = retried(lambda: np.asarray(array[position]))
         except (ValueError, RuntimeError, OSError) as error:
             raise _corrupt(self.path, name, position, str(error)) from error
         if digest is not None and array_digest(values) != digest:

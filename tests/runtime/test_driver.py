@@ -14,7 +14,7 @@ from yesnt.core.errors import ClusterLostError, UsageError
 from yesnt.core.shot import GBufferInput, Job, LightInput, PlateInput, Shot
 from yesnt.io.records import RecordBook
 from yesnt.planning.graph import Graph, Node
-from yesnt.runtime.cluster import ClusterSpec, open_cluster
+from yesnt.runtime.cluster import ClusterSpec, _prepare_plugin, _prepare_workers, open_cluster
 from yesnt.runtime.driver import Driver, DriverSettings, Outcome
 
 pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning")  # Dask closes sockets of killed workers late
@@ -162,6 +162,9 @@ class _LostFuture:
 
     status = "finished"
 
+    def exception(self, timeout: float) -> Exception:
+        return self._error
+
     def __init__(self, error: Exception) -> None:
         self._error = error
 
@@ -201,3 +204,95 @@ def test_a_receipt_that_died_with_its_worker_loses_no_work(job: Job) -> None:
     assert outcome.complete
     assert [e["event"] for e in events].count("done") == len(outcome.done) == 4
     assert all(runs_of(job, s, i) == 1 for s in "ab" for i in range(2))
+
+
+class _LeavingWorkers:
+    """A client whose workers leave while they are prepared, so many times."""
+
+    cluster = None
+    status = "running"
+    scheduler = SimpleNamespace(address="tcp://127.0.0.1:8786")
+
+    def __init__(self, times: int, error: Exception) -> None:
+        self.left, self._error = times, error
+        self.asked: list[bool] = []
+
+    def register_plugin(self, plugin) -> None:
+        self.asked.append(plugin.idempotent)
+        if self.left:
+            self.left -= 1
+            raise self._error
+
+
+@pytest.mark.parametrize("error", [CommClosedError("closed"), RuntimeError("cannot schedule new futures")])
+def test_a_worker_that_leaves_while_a_run_attaches_is_passed_over(
+    monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    monkeypatch.setattr("yesnt.runtime.cluster.time.sleep", lambda seconds: None)
+    client = _LeavingWorkers(2, error)
+    _prepare_workers(client, _prepare_plugin(()))
+    assert client.asked == [True, False, False], "workers that were passed over are asked again"
+
+
+def test_workers_that_never_stay_are_a_lost_cluster(monkeypatch: pytest.MonkeyPatch) -> None:
+    pauses: list[float] = []
+    monkeypatch.setattr("yesnt.runtime.cluster.time.sleep", pauses.append)
+    with pytest.raises(ClusterLostError, match=r"cannot be prepared \(CommClosedError: closed\).*:8786.*run the same"):
+        _prepare_workers(_LeavingWorkers(100, CommClosedError("closed")), _prepare_plugin(()))
+    assert sum(pauses) < 20
+    gone = _LeavingWorkers(100, CommClosedError("closed"))
+    gone.status = "closed"
+    with pytest.raises(ClusterLostError):
+        _prepare_workers(gone, _prepare_plugin(()))
+    assert len(gone.asked) == 1, "a scheduler that is gone is not asked again"
+
+
+def test_a_run_waits_for_the_next_worker_and_says_so(job: Job, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("yesnt.runtime.driver.HEARTBEAT_SECONDS", 0.0)
+    monkeypatch.setattr("yesnt.runtime.driver.ALONE_SECONDS", 0.2)
+    workers: dict[str, int] = {}
+    waiting: list = []
+
+    class Late(_LostFuture):
+        def result(self, timeout: float) -> dict:
+            return {"seconds": 0.0, "kernel_seconds": 0.0}
+
+        def add_done_callback(self, call) -> None:
+            waiting.append(call)
+
+    def listen(event) -> None:
+        events.append(event)
+        if event["event"] == "waiting":
+            workers["tcp://127.0.0.1:1"] = 1
+            waiting.pop()(futures[0])
+
+    futures: list[Late] = []
+    events: list = []
+
+    def submit(task, context, node, **options) -> Late:
+        futures.append(Late(RuntimeError()))
+        return futures[-1]
+
+    client = SimpleNamespace(
+        submit=submit, scheduler=SimpleNamespace(ncores=None), sync=lambda call, callback_timeout: workers
+    )
+    graph = Graph([Node("a", 0, (0,), {"a": 0})])
+    driver = Driver(job, graph, RecordBook(Path(job.root) / "records"), fake_task, listen=listen)
+    driver.reuse()
+    assert driver.run(client).complete
+    assert [e["event"] for e in events] == ["start", "waiting", "done"]
+
+
+def test_a_scheduler_without_workers_for_too_long_is_a_lost_cluster(job: Job) -> None:
+    from distributed.scheduler import NoWorkerError
+
+    class Unrunnable(_LostFuture):
+        status = "error"
+
+    client = SimpleNamespace(
+        submit=lambda *args, **options: Unrunnable(NoWorkerError("a", 120)),
+        scheduler=SimpleNamespace(ncores=None),
+        sync=lambda call, callback_timeout: {},
+    )
+    with pytest.raises(ClusterLostError, match=r"No worker has joined.*start workers"):
+        drive(job, chain(1), client)

@@ -143,6 +143,8 @@ def test_a_lost_scheduler_ends_in_exit_75_and_a_later_run_goes_on(
     assert code == EX_TEMPFAIL, out
     assert "The scheduler is lost" in out
     assert "run the same command again" in out
+    assert "Traceback" not in out
+    assert not [line for line in out.splitlines() if "distributed" in line or "asyncio" in line]
     assert took < 15, f"took {took:.1f} s"  # 10 s by design, and a slow machine's process exit
     code, out = finish(start(path))
     assert code == 0, out

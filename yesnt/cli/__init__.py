@@ -2,40 +2,65 @@
 
 from __future__ import annotations
 
+import os
 import sys
+from typing import NoReturn
 
-from yesnt.core.errors import YesntError
+from yesnt.core.errors import ClusterLostError, YesntError
 
 INTERRUPTED = 130
+AT_ONCE = (INTERRUPTED, ClusterLostError.exit_status)
+"""Exit statuses after which the process does not wait for threads: of a cluster that is starting, or that is gone."""
 
 
 def main() -> None:
-    """Entry point of `yesnt`; maps every end of a command to its exit status (contract.md)."""
+    """Entry point of `yesnt`; maps every end of a command to its exit status (docs/contract.md)."""
+    try:
+        status = _run()
+    except KeyboardInterrupt:
+        status = INTERRUPTED
+    if status == INTERRUPTED:
+        print("Interrupted: what is committed stays, the same command goes on from there.", file=sys.stderr)
+    if status in AT_ONCE:
+        _exit_at_once(status)
+    sys.exit(status or 0)
+
+
+def _exit_at_once(status: int) -> NoReturn:
+    from yesnt.runtime.stop_cluster import kill_children
+
+    kill_children()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(status)
+
+
+def _run() -> int | None:
+    """Runs the command of `sys.argv` and prints its error, if it has one; returns the exit status."""
     import typer
 
     from yesnt.cli.app import app
     from yesnt.cli.text import print_error
 
     try:
-        status = app(standalone_mode=False)
+        status: int | None = app(standalone_mode=False)
+        return status
     except YesntError as error:
         print_error(error, as_json="--json" in sys.argv)
-        status = error.exit_status
-    except (KeyboardInterrupt, typer.Abort):
-        status = INTERRUPTED
+        return error.exit_status
+    except typer.Abort:
+        return INTERRUPTED
     except OSError as error:
         from yesnt.io.durable import disk_full, is_full
 
         if not is_full(error):
             raise
         print_error(disk_full(error), as_json="--json" in sys.argv)
-        status = 1
+        return 1
     except Exception as error:
         # Usage errors come from click, or from typer's own copy of it, by release: both can show themselves.
         if not hasattr(error, "show") or not hasattr(error, "exit_code"):
             raise
         error.show()
-        status = error.exit_code
-    if status == INTERRUPTED:
-        print("Interrupted: what is committed stays, the same command goes on from there.", file=sys.stderr)
-    sys.exit(status or 0)
+        code: int = error.exit_code
+        return code

@@ -30,6 +30,8 @@ class LineProgress:
             print(f"{self._total} tasks, {self._done} done already", flush=True)
         elif kind == "cluster":
             print(f"Dask dashboard: {event['dashboard']}", flush=True)
+        elif kind == "waiting":
+            print(f"Waiting: {event['reason']}", flush=True)
         elif kind == "done":
             self._done += 1
             print(f"{done_line(event)}\nprogress {100 * self._done // max(1, self._total)}%", flush=True)
@@ -68,6 +70,8 @@ class BarProgress:
             self._lay_out(event)
         elif kind == "cluster":
             self._progress.console.print(f"Dask dashboard: {event['dashboard']}")
+        elif kind == "waiting":
+            self._progress.console.print(f"Waiting: {event['reason']}")
         elif kind == "start":
             self._began.setdefault(_stage(event), time.monotonic())
         elif kind == "done":

@@ -14,7 +14,7 @@ from yesnt.capture_stage.render import find_receipt, render
 from yesnt.capture_stage.tools import Tools
 from yesnt.io.records import Record, RecordBook
 from yesnt.planning.graph import Node
-from yesnt.runtime.cluster import ClusterSpec, open_cluster
+from yesnt.runtime.cluster import ClusterSpec, address_of, dashboard_of, open_cluster
 from yesnt.runtime.driver import Driver, DriverSettings, Outcome
 from yesnt.tasks.workspace import peak_bytes
 from yesnt.workflows.stage import stage_graph
@@ -47,7 +47,7 @@ def run_stage(
     with open_cluster(cluster) if driver.remaining else nullcontext() as client:
         if client is None:
             return outcome
-        listen({"event": "cluster", "dashboard": client.dashboard_link, "scheduler": client.scheduler.address})
+        listen({"event": "cluster", "dashboard": dashboard_of(client), "scheduler": address_of(client)})
         return driver.run(client)
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib
+import logging
 import os
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -11,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from yesnt.core.errors import ClusterLostError, MissingPartError, UsageError
 from yesnt.core.threads import THREAD_VARIABLES, pin_threads
+from yesnt.runtime.stop_cluster import children_without_interrupt, start_quiet_tracker, stop_now
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -25,6 +28,15 @@ WORKER_ENVIRONMENT = {**dict.fromkeys(THREAD_VARIABLES, "1"), **ALLOCATOR, "PYTH
 """Of local workers, and of the process that they are forked from; the seed is Dask's own."""
 
 _CONNECT_SECONDS = 20
+
+_PREPARE_PAUSES = (0.5, 1.0, 2.0, 4.0, 4.0, 4.0)
+"""Seconds after a failed attempt to prepare the workers; in that time a worker that restarts is back."""
+
+_NOISY = (
+    "asyncio", "tornado.application", "distributed", "distributed.client", "distributed.core", "distributed.comm",
+    "distributed.nanny", "distributed.scheduler", "distributed.worker", "distributed.utils", "distributed.batched",
+)  # fmt: skip
+"""Loggers that tell of lost connections, with tracebacks."""
 
 
 @dataclass(frozen=True)
@@ -73,11 +85,13 @@ def warm_up(spec: ClusterSpec, modules: tuple[str, ...]) -> None:
         return
     from multiprocessing import forkserver
 
+    start_quiet_tracker()
     before = {name: os.environ.get(name) for name in WORKER_ENVIRONMENT}
     os.environ.update(WORKER_ENVIRONMENT)
     try:
         forkserver.set_forkserver_preload(["distributed", "distributed.nanny", *modules])
-        forkserver.ensure_running()
+        with children_without_interrupt():
+            forkserver.ensure_running()
     finally:
         _restore(before)
 
@@ -96,24 +110,82 @@ def open_cluster(spec: ClusterSpec, modules: tuple[str, ...] = ()) -> Iterator[C
         MissingPartError: the kind needs an extra that is absent.
     """
     import dask
+    import distributed  # noqa: F401 - it sets up its loggers, which are silenced below
+
+    with dask.config.set(dask_settings()), _quiet(), _address(spec) as address:
+        client = _connect(address)
+        try:
+            _prepare_workers(client, _prepare_plugin(modules))
+            yield client
+        except KeyboardInterrupt:
+            stop_now(client)
+            raise
+        finally:
+            _close(client)
+
+
+def _connect(address: Any) -> Client:
     from distributed import Client
 
-    with dask.config.set(dask_settings()):
-        with _address(spec) as address:
-            try:
-                client = Client(address, timeout=_CONNECT_SECONDS, set_as_default=False)
-            except (OSError, TimeoutError) as error:
-                raise ClusterLostError(
-                    "The scheduler does not answer",
-                    str(address),
-                    "a running Dask scheduler",
-                    "start it, then run again",
-                ) from error
-            try:
-                client.register_plugin(_prepare_plugin(modules))
-                yield client
-            finally:
-                _close(client)
+    try:
+        return Client(address, timeout=_CONNECT_SECONDS, set_as_default=False)
+    except (OSError, TimeoutError) as error:
+        raise ClusterLostError(
+            "The scheduler does not answer", str(address), "a running Dask scheduler", "start it, then run again"
+        ) from error
+
+
+def dashboard_of(client: Client) -> str:
+    """Address of the scheduler's dashboard; "" if it has none."""
+    try:
+        return str(client.dashboard_link or "")
+    except (AttributeError, KeyError, OSError, TimeoutError, ValueError):  # no dashboard, or the scheduler is gone
+        return ""
+
+
+def address_of(client: Client) -> str:
+    """Address of the scheduler; "" if the connection is lost (the driver notices)."""
+    return str(getattr(client.scheduler, "address", ""))
+
+
+def _prepare_workers(client: Client, plugin: Any) -> None:
+    """Registers a plugin with all workers, present and future.
+
+    The scheduler hands it to one worker after another and fails if one leaves meanwhile (its lifetime ends, a farm
+    takes it back); then all that are left are asked again.
+
+    Raises:
+        ClusterLostError: that happened again and again, or the scheduler is gone.
+    """
+    problem: Exception | None = None
+    for pause in _PREPARE_PAUSES:
+        try:
+            client.register_plugin(plugin)
+            return
+        except Exception as error:  # what a worker that is being closed raises depends on what it was doing
+            problem = error
+            plugin.idempotent = False  # a worker that was passed over must get it
+            if client.status != "running":
+                break
+            time.sleep(pause)
+    raise ClusterLostError(
+        f"The workers cannot be prepared ({type(problem).__name__}: {problem})", address_of(client),
+        "workers that stay for a while", "look at their logs, then run the same command again",
+    ) from problem  # fmt: skip
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Silences what Dask and asyncio log about lost connections: the run's own error says it in one sentence."""
+    loggers = [logging.getLogger(name) for name in _NOISY]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
 
 
 def dask_settings() -> dict[str, Any]:
@@ -158,8 +230,6 @@ def _address(spec: ClusterSpec) -> Iterator[Any]:
 
 @contextmanager
 def _local(spec: ClusterSpec) -> Iterator[Any]:
-    import logging
-
     from distributed import LocalCluster
 
     before = {name: os.environ.get(name) for name in WORKER_ENVIRONMENT}

@@ -31,6 +31,11 @@ HEARTBEAT_SECONDS = 2.0
 LOSS_SECONDS = 8.0
 """A scheduler that has not answered for this long is lost."""
 
+ALONE_SECONDS = 4.0
+"""A scheduler that has had no worker for this long is worth a line."""
+
+NO_WORKER = "the scheduler has no worker; the run goes on when one joins"
+
 
 @dataclass(frozen=True)
 class DriverSettings:
@@ -141,6 +146,8 @@ class Driver:
         try:
             while self._waiting or self._unread:
                 started = self._fill(client, heartbeat.slots())
+                if heartbeat.newly_alone():
+                    self._listen({"event": "waiting", "time": time.time(), "reason": NO_WORKER})
                 self._read_receipts()
                 for node, attempt in started:
                     self._tell("start", node, attempt=attempt)
@@ -244,6 +251,11 @@ class Driver:
         if isinstance(error, KilledWorker):
             self._die(node)
             return
+        if isinstance(error, _no_worker_errors()):
+            raise ClusterLostError(
+                "No worker has joined the scheduler for too long", "the Dask scheduler", "at least one worker",
+                "start workers, then run the same command again: it resumes from what is committed",
+            ) from error  # fmt: skip
         if error is not None and is_full(error):
             raise disk_full(error, f"stage {node.stage}, frame {node.frames[0]}") from error
         self._failures[node.id] = self._failures.get(node.id, 0) + 1
@@ -300,9 +312,15 @@ class _Heartbeat:
 
     def __init__(self, client: Client) -> None:
         self._client, self._slots, self._asked, self._answered = client, 1, 0.0, time.monotonic()
+        self._alone_since: float | None = None
+        self._alone_told = False
 
     def slots(self) -> int:
-        """Threads of all workers, at least 1."""
+        """Threads of all workers, at least 1: a task is handed over even if its worker is still to join.
+
+        Raises:
+            ClusterLostError: the scheduler does not answer.
+        """
         now = time.monotonic()
         if now - self._asked >= HEARTBEAT_SECONDS:
             self._asked = now
@@ -312,8 +330,28 @@ class _Heartbeat:
                 if now - self._answered > LOSS_SECONDS / 2:
                     raise _lost("it does not answer") from None
             else:
-                self._slots, self._answered = max(1, sum(threads.values())), time.monotonic()
+                self._answered = time.monotonic()
+                self._count(sum(threads.values()))
         return self._slots
+
+    def newly_alone(self) -> bool:
+        """Whether there has been no worker for a while; True once each time that happens."""
+        alone = self._alone_since is not None and time.monotonic() - self._alone_since >= ALONE_SECONDS
+        newly, self._alone_told = alone and not self._alone_told, alone
+        return newly
+
+    def _count(self, threads: int) -> None:
+        self._slots = max(1, threads)
+        if threads:
+            self._alone_since = None
+        elif self._alone_since is None:
+            self._alone_since = self._answered
+
+
+def _no_worker_errors() -> tuple[type[Exception], ...]:
+    from distributed.scheduler import NoValidWorkerError, NoWorkerError
+
+    return NoValidWorkerError, NoWorkerError
 
 
 def _received(fetch: Callable[..., Any]) -> Any:

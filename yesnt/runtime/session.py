@@ -6,7 +6,7 @@ import json
 import shutil
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -22,9 +22,10 @@ from yesnt.planning import settings as of
 from yesnt.planning.chunks import ChunkPlan, Extent, fits_whole, matte_extent, plan_chunks
 from yesnt.planning.graph import Graph, Node, NodeId
 from yesnt.planning.stages import STAGES, ShotPlan, stage_of
-from yesnt.runtime.cluster import ClusterSpec, check_kind, open_cluster, warm_up
+from yesnt.runtime.cluster import ClusterSpec, address_of, check_kind, dashboard_of, open_cluster, warm_up
 from yesnt.runtime.driver import Driver, DriverSettings, Outcome, is_done
 from yesnt.runtime.preflight import Resolved, inspect_content, inspect_form, resolve
+from yesnt.runtime.stop_cluster import stop_now
 from yesnt.tasks.run import run_node, worker_modules
 from yesnt.workflows.shot import shot_graph
 
@@ -144,7 +145,7 @@ class Session:
         wanted = graph.closure(self.targets(graph, options))  # a wrong option is told before anything is written
         warnings = inspect_form(self.resolved)
         result = RunResult(warnings=warnings, output=self.output.root)
-        with closing(_LazyCluster(options.cluster, worker_modules(self.job.shot))) as cluster:
+        with _LazyCluster(options.cluster, worker_modules(self.job.shot)) as cluster:
             if any(not is_done(self.book, node) for node in wanted):
                 cluster.begin()
             result.warnings += inspect_content(self.resolved)
@@ -224,6 +225,7 @@ class _LazyCluster:
         self._spec, self._modules, self._stack = spec, modules, ExitStack()
         self._starter = ThreadPoolExecutor(1, "yesnt-cluster")
         self._started: Future[Any] | None = None
+        self._told = False
         self.dashboard = ""
 
     def begin(self) -> None:
@@ -239,15 +241,31 @@ class _LazyCluster:
         self.begin()
         assert self._started is not None
         client = self._started.result()
-        if not self.dashboard:
-            self.dashboard = client.dashboard_link or ""
-            tell({"event": "cluster", "dashboard": self.dashboard, "scheduler": client.scheduler.address})
+        if not self._told:
+            self.dashboard, self._told = dashboard_of(client), True
+            tell({"event": "cluster", "dashboard": self.dashboard, "scheduler": address_of(client)})
         return client
 
-    def close(self) -> None:
-        """Stops the workers, if there are any."""
-        self._starter.shutdown(wait=True)
-        self._stack.close()
+    def __enter__(self) -> _LazyCluster:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *rest: Any) -> None:
+        """Stops the workers, if there are any; at once if the user interrupts the run."""
+        if kind is None or not issubclass(kind, KeyboardInterrupt):
+            self._starter.shutdown(wait=True)
+            self._stack.close()
+            return
+        self._starter.shutdown(wait=False)
+        if self._started is not None and self._started.done():
+            self._stack.__exit__(kind, *rest)
+        elif self._started is not None:
+            self._started.add_done_callback(_stop_late)
+
+
+def _stop_late(started: Future[Any]) -> None:
+    """Stops a cluster that was still starting when the run was interrupted."""
+    if started.exception() is None:
+        stop_now(started.result())
 
 
 def _count(graph: Graph) -> dict[str, int]:

@@ -78,7 +78,7 @@ def pixels(count, roughness):
 
 def eager(points, light):
     """The plain formula in eager torch, one texel tile after another, dielectric and diffuse."""
-    n, v, a = (torch.from_numpy(np.ascontiguousarray(x)) for x in (points.normal.T, points.view.T, points.alpha))
+    n, v, a = (torch.from_numpy(np.ascontiguousarray(x)) for x in (points.normal.T, points.viewer.T, points.alpha))
     total = torch.zeros((len(a), 6))
     a2 = (a * a)[:, None]
     for i in range(0, light.texels.direction.shape[1], 128):

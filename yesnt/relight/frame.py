@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from yesnt.relight.combine import Response, normalise, response, shadow_ratio
 from yesnt.relight.edges import resolve_edges
 from yesnt.relight.envmap import EnvMap
-from yesnt.relight.indirect import glow_of
+from yesnt.relight.indirect import indirect_light
 from yesnt.relight.kernels import COLUMNS, LIT, sum_lobes
 from yesnt.relight.lights import PreparedLight, prepare_light
 from yesnt.relight.occlusion import Occluders, find_occluders, occlusion, single_factor
@@ -184,16 +184,16 @@ def _engine(settings: RelightSettings) -> Callable[..., F32]:
 
 def integrate(base: F32, pixels: Pixels, occluders: Occluders, light: PreparedLight, settings: RelightSettings) -> F32:
     """Lobe sums [P, 20] of all pixels, a tile at a time so that memory stays bounded."""
-    glow = None
+    indirect = None
     if occluders.proxy is not None and settings.bounce > 0:
-        glow = glow_of(occluders.proxy, pixels, occluders.shown, base, light, settings)
+        indirect = indirect_light(occluders.proxy, pixels, occluders.shown, base, light, settings)
     tiles = [np.zeros((0, COLUMNS), dtype=np.float32)]
     for band in bands(pixels, settings.tile):
         part = band.part
-        hidden, bounced = occlusion(occluders, pixels, band, light, glow, settings)
+        hidden, radiance = occlusion(occluders, pixels, band, light, indirect, settings)
         lobes = pixels.lobes(part, settings.brdf, settings.diffuse)
         plain = settings.brdf == "paper"
-        sums = _engine(settings)(lobes, light, hidden, bounced, not plain)
+        sums = _engine(settings)(lobes, light, hidden, radiance, not plain)
         if settings.shadows == "single":
             sums[:, LIT] *= single_factor(occluders, pixels, part, light, settings)
         tiles.append(sums if plain else normalise(sums, pixels, part, settings.diffuse))

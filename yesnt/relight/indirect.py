@@ -1,32 +1,35 @@
-"""What the proxy sends back to a pixel that it hides the light from: diffuse bounces, and what its metal mirrors.
+"""Indirect radiance: what the proxy mesh sends to a pixel from directions in which it occludes the light.
 
-A metal has no diffuse colour, so that radiosity alone would show it black in another metal. To a pixel a metal triangle
-shows the map, filtered by the triangle's own lobe, along the mirrored direction; or, where the triangle is hidden from
-there, what hides it, as a diffuse surface of the same colour.
+A triangle sends diffuse bounces (radiosity) and, where it is metal, what it mirrors. A metal has no diffuse colour, so
+radiosity alone would show it black in another metal. To a pixel, a metal triangle shows the environment map filtered by
+the triangle's own lobe along the mirrored direction. If the triangle is occluded in that direction, it shows its
+occluder as a diffuse surface of the same colour.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
 from numpy.typing import NDArray
 
 from yesnt.relight.combine import normalise
+from yesnt.relight.compiled import exact_entry, exact_inlined
 from yesnt.relight.envmap import uv_to_direction
 from yesnt.relight.kernels import METAL_F0, METAL_F90, sum_lobes
 from yesnt.relight.lights import PreparedLight
 from yesnt.relight.points import Pixels
 from yesnt.relight.proxy import OPEN, ProxyScene
+from yesnt.relight.ranges import over_ranges
 from yesnt.relight.settings import RelightSettings
 
 F32 = NDArray[np.float32]
 I32 = NDArray[np.int32]
 
 LEVELS = (0.1, 0.25, 0.4, 0.6, 1.0)
-"""Roughness that the mirrored map is filtered for: its lobe at normal incidence."""
+"""Roughness values for which the mirrored map is filtered, by the lobe at normal incidence."""
 
 ROWS = 48
 """Rows of the filtered maps: 3.75 degrees, finer than a light cluster."""
@@ -35,92 +38,109 @@ ROWS = 48
 _TINT = 1e-3  # sum of a triangle's metallic base colour below which it mirrors nothing
 
 
-@dataclass(frozen=True)
-class MirroredLight:
-    """A map as metal triangles show it.
+class MirroredLight(NamedTuple):
+    """The environment map as metal triangles show it.
 
     Attributes:
-        radiance: [L, ROWS, 2 ROWS, 3] filtered by the lobes of LEVELS; world axes, the product's layout.
-        cluster: [ROWS, 2 ROWS] the coarse cluster that each direction belongs to.
+        radiance: [L, ROWS, 2 ROWS, 3] lat-long maps filtered by the lobes of LEVELS, world axes; 0 at unused levels.
+        cluster: [ROWS, 2 ROWS] the coarse light cluster that each direction belongs to.
     """
 
     radiance: F32
     cluster: I32
 
 
-@dataclass(frozen=True)
-class Glow:
-    """The proxy under one light.
+class MetalTriangles(NamedTuple):
+    """The metallic part of the proxy's F triangles.
 
     Attributes:
-        radiance: [F + 1, 3] exitant, of the diffuse part; row -1 (OPEN) is 0.
-        tint: [F + 1, 3] base colour times metallic; row -1 is 0.
-        metallic: [F].
-        normal: [F, 3] unit.
+        tint: [F + 1, 3] base colour times metallic, linear Rec.709; row -1 (OPEN) is 0.
+        metallic: [F] 0..1.
+        normal: [F, 3] unit, world.
         level: [F] index into LEVELS.
-        seen: [F, C, 3] radiance that comes to a triangle from hidden coarse clusters; negative where they are open.
-        light: what it mirrors.
+        occluders: [F, C, 3] radiance that comes to a triangle from occluded coarse light clusters; -1 where it sees
+            the cluster.
     """
 
-    radiance: F32
     tint: F32
     metallic: F32
     normal: F32
     level: I32
-    seen: F32
+    occluders: F32
+
+
+class PixelRays(NamedTuple):
+    """Directions in which P pixels meet the proxy.
+
+    Attributes:
+        hits: [P, C] triangle towards each light cluster, OPEN where there is none.
+        direction: [3, C] unit, world, of the clusters.
+        mirror: [P, 3] unit, world, mirrored view, which replaces the direction of one cluster per sharp pixel.
+        mirror_cluster: [P] that cluster; -1 for none.
+    """
+
+    hits: I32
+    direction: F32
+    mirror: F32
+    mirror_cluster: I32
+
+
+@dataclass(frozen=True)
+class IndirectLight:
+    """Radiance that the proxy sends out under one light.
+
+    Attributes:
+        diffuse: [F + 1, 3] exitant radiance of the diffuse part of each triangle; row -1 (OPEN) is 0.
+        metal: the metallic part.
+        light: the light that the metal mirrors.
+    """
+
+    diffuse: F32
+    metal: MetalTriangles
     light: MirroredLight
 
-    def towards(self, hits: I32, directions: F32, mirror: F32, own: I32) -> F32:
-        """Radiance [3, P, C] that pixels see where they look towards light clusters and meet triangles.
-
-        Args:
-            hits: [P, C] triangles, OPEN where there is none.
-            directions: [3, C] of the clusters.
-            mirror: [P, 3] directions that pixels look along instead, in one cluster of theirs:
-            own: [P] that cluster, -1 for none.
-        """
-        out = np.zeros((3, *hits.shape), dtype=np.float32)
-        mirrored = self.light.radiance, self.light.cluster, self.seen
-        _towards(
-            (hits, directions, mirror, own),
-            self.radiance,
-            (self.tint, self.metallic, self.normal, self.level),
-            mirrored,
-            out,
+    def towards(self, rays: PixelRays) -> F32:
+        """Radiance [3, P, C] that pixels receive along rays that meet triangles; 0 along the others."""
+        out = np.zeros((3, *rays.hits.shape), dtype=np.float32)
+        over_ranges(
+            len(rays.hits),
+            lambda first, last: _towards(first, last, rays, self.diffuse, self.metal, self.light, out),
         )
         return out
 
 
-def glow_of(
+def indirect_light(
     proxy: ProxyScene, pixels: Pixels, shown: I32, base: F32, light: PreparedLight, settings: RelightSettings
-) -> Glow:
-    """The glow of a proxy whose triangles take the materials of the pixels [P] that show them.
+) -> IndirectLight:
+    """Lights the proxy, whose triangles take the materials of the pixels that show them.
 
     Args:
-        proxy: the mesh.
-        pixels: of the frame.
-        shown: [P] triangle behind each pixel.
-        base: [P, 3] base colour of the pixels.
+        proxy: the mesh, F triangles.
+        pixels: P pixels of the frame.
+        shown: [P] triangle behind each pixel, -1 where none.
+        base: [P, 3] base colour of the pixels, linear Rec.709.
         light: that falls on the proxy.
-        settings: of the stage; at least one bounce.
+        settings: of the stage, with at least one bounce.
     """
     metallic = pixels.metallic[:, None]
     features = np.concatenate([base * (1 - metallic), base * metallic, pixels.roughness[:, None], metallic], axis=1)
     painted = proxy.paint(shown, features)
     diffuse, tint, roughness = painted[:, :3], painted[:, 3:6], painted[:, 6]
-    arrives, hits = proxy.gather(light.coarse, diffuse + tint, settings.bounce, settings.offset, settings.error)
-    sent = np.concatenate([(diffuse + tint) * arrives, np.zeros((1, 3), np.float32)]).astype(np.float32)
+    received, hits = proxy.gather(light.coarse, diffuse + tint, settings.bounce, settings.offset, settings.error)
     nothing = np.zeros((1, 3), np.float32)
+    sent = np.concatenate([(diffuse + tint) * received, nothing]).astype(np.float32)
     level = nearest_level(roughness)
-    seen = np.where((hits == OPEN)[..., None], np.float32(-1), sent[hits])
-    shining = np.concatenate([diffuse * arrives, nothing]).astype(np.float32)
-    tinted = np.concatenate([tint, nothing]).astype(np.float32)
+    occluders = np.where((hits == OPEN)[..., None], np.float32(-1), sent[hits])
     used = tuple(np.unique(level[tint.sum(axis=1) > _TINT]).tolist())
-    return Glow(shining, tinted, painted[:, 7], proxy.normals, level, seen, mirrored_light(light, used))
+    metal = MetalTriangles(
+        np.concatenate([tint, nothing]).astype(np.float32), painted[:, 7], proxy.normals, level, occluders
+    )
+    exitant = np.concatenate([diffuse * received, nothing]).astype(np.float32)
+    return IndirectLight(exitant, metal, mirrored_light(light, used))
 
 
 def mirrored_light(light: PreparedLight, used: tuple[int, ...]) -> MirroredLight:
-    """A light filtered for some of LEVELS; the others stay black."""
+    """Filters a light for the levels `used` (indices into LEVELS); the others stay black."""
     radiance = np.zeros((len(LEVELS), ROWS, 2 * ROWS, 3), dtype=np.float32)
     for i in used:
         radiance[i] = _filtered(light, i)
@@ -128,7 +148,7 @@ def mirrored_light(light: PreparedLight, used: tuple[int, ...]) -> MirroredLight
 
 
 def nearest_level(roughness: NDArray[np.floating]) -> I32:
-    """Index into LEVELS of each roughness [N]."""
+    """Index into LEVELS of the value nearest to each roughness [N], as [N] int32."""
     return np.abs(roughness[:, None] - np.array(LEVELS, np.float32)).argmin(axis=1).astype(np.int32)
 
 
@@ -144,7 +164,7 @@ def _nearest(light: PreparedLight) -> I32:
 
 @lru_cache(maxsize=4 * len(LEVELS))
 def _filtered(light: PreparedLight, level: int) -> F32:
-    """A light as metal of roughness LEVELS[level] mirrors it [ROWS, 2 ROWS, 3]; once per light and level."""
+    """A light as metal of roughness LEVELS[level] mirrors it, [ROWS, 2 ROWS, 3]; computed once per light and level."""
     direction = _directions()
     size, full, whole = len(direction), np.ones(len(direction), np.float32), slice(0, len(direction))
     pixels = Pixels(np.arange(size), (1, size), direction, direction, direction, full * np.float32(LEVELS[level]), full)
@@ -160,37 +180,36 @@ def _albedo_at_normal() -> F32:
     return tables.lookup(tables.white, np.array(LEVELS), full).astype(np.float32)
 
 
-@njit(cache=True, parallel=True, error_model="numpy")
-def _towards(rays, radiance, metal, mirrored, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    hits, directions, mirror, own = rays
-    tint, metallic, normal, level = metal
-    for p in prange(hits.shape[0]):
-        for c in range(hits.shape[1]):
-            face = hits[p, c]
+@exact_entry
+def _towards(first, last, rays, diffuse, metal, light, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Writes what pixels [first, last) receive to `out` [3, P, C], which is 0."""
+    for p in range(first, last):
+        for c in range(rays.hits.shape[1]):
+            face = rays.hits[p, c]
             if face < 0:
                 continue
             for k in range(3):
-                out[k, p, c] = radiance[face, k]
-            if tint[face, 0] + tint[face, 1] + tint[face, 2] > np.float32(_TINT):
-                dx, dy, dz = directions[0, c], directions[1, c], directions[2, c]
-                if c == own[p]:
-                    dx, dy, dz = mirror[p, 0], mirror[p, 1], mirror[p, 2]
-                nx, ny, nz = normal[face, 0], normal[face, 1], normal[face, 2]
-                facing = dx * nx + dy * ny + dz * nz
-                turned = (dx - 2 * facing * nx, dy - 2 * facing * ny, dz - 2 * facing * nz)
-                row, column = _cell(turned, mirrored[0].shape[1])
-                grazing = (np.float32(1) - min(max(-facing, np.float32(0)), np.float32(1))) ** 5
+                out[k, p, c] = diffuse[face, k]
+            if metal.tint[face, 0] + metal.tint[face, 1] + metal.tint[face, 2] > np.float32(_TINT):
+                dx, dy, dz = rays.direction[0, c], rays.direction[1, c], rays.direction[2, c]
+                if c == rays.mirror_cluster[p]:
+                    dx, dy, dz = rays.mirror[p, 0], rays.mirror[p, 1], rays.mirror[p, 2]
+                nx, ny, nz = metal.normal[face, 0], metal.normal[face, 1], metal.normal[face, 2]
+                cos_o = dx * nx + dy * ny + dz * nz  # negative: the direction points to the triangle
+                mirrored = (dx - 2 * cos_o * nx, dy - 2 * cos_o * ny, dz - 2 * cos_o * nz)
+                row, column = _map_cell(mirrored, light.radiance.shape[1])
+                schlick = (np.float32(1) - min(max(-cos_o, np.float32(0)), np.float32(1))) ** 5
                 for k in range(3):
-                    from_there = mirrored[2][face, mirrored[1][row, column], k]
-                    if from_there < 0:
-                        from_there = mirrored[0][level[face], row, column, k]
-                    reflected = tint[face, k] + grazing * (metallic[face] - tint[face, k])
-                    out[k, p, c] += reflected * from_there
+                    incident = metal.occluders[face, light.cluster[row, column], k]
+                    if incident < 0:
+                        incident = light.radiance[metal.level[face], row, column, k]
+                    fresnel = metal.tint[face, k] + schlick * (metal.metallic[face] - metal.tint[face, k])
+                    out[k, p, c] += fresnel * incident
 
 
-@njit(cache=True, error_model="numpy", inline="always")
-def _cell(direction, rows):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Row and column of a lat-long map of `rows` rows that a direction points to."""
+@exact_inlined
+def _map_cell(direction, rows):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Row and column of a lat-long map of `rows` rows that a unit direction points to (docs/method.md section 1)."""
     x, y, z = direction
     v = np.arctan2(np.sqrt(x * x + y * y), z) / np.pi
     u = np.float32(0.5) - np.arctan2(y, x) / (np.float32(2) * np.pi)

@@ -1,4 +1,7 @@
-"""What stands between a pixel and each light cluster: the proxy, else the depth buffer, else nothing."""
+"""Visibility of each light cluster from each pixel: rays to the proxy mesh, else a march in the depth buffer.
+
+Source: docs/method.md section 5 (visibility).
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.relight.indirect import Glow
+from yesnt.relight.indirect import IndirectLight, PixelRays
 from yesnt.relight.lights import Clusters, PreparedLight
 from yesnt.relight.march import DepthScene, depth_scene, march
 from yesnt.relight.points import Pixels, Surface
@@ -19,18 +22,19 @@ F32 = NDArray[np.float32]
 I32 = NDArray[np.int32]
 
 SHARP = 0.3
-"""Roughness below which a lobe, 2 r^2 wide, is narrower than a light cluster, and sees single occluders."""
+"""Roughness r below which a specular lobe, 2 r^2 rad wide, is narrower than a light cluster: such a pixel traces a ray
+of its own along the mirrored view."""
 
-_MAIN = 8  # brightest clusters that stand for "the light" in the single factor
+_MAIN = 8  # brightest clusters, which the single factor is averaged over
 
 
 @dataclass(frozen=True)
 class Occluders:
-    """Whatever a frame has to cast shadows with, and the origins of shadow rays.
+    """What casts shadows in a frame, and the origins of shadow rays of its P pixels. At most one of both is there.
 
     Attributes:
-        origins: [P, 3] world; the pixels' positions, moved off the surface.
-        proxy: the mesh, or None.
+        origins: [P, 3] world metres; the pixels' positions, moved off the surface.
+        proxy: the proxy mesh, or None.
         depth: the depth buffer, or None.
         shown: [P] triangle of the proxy behind each pixel, -1 where none; empty without a proxy.
         footprint: [P] metres that a pixel covers at its depth; empty without a proxy.
@@ -44,7 +48,14 @@ class Occluders:
 
 
 def find_occluders(surface: Surface, pixels: Pixels, proxy: ProxyScene | None, settings: RelightSettings) -> Occluders:
-    """Chooses the occluder that `settings.shadows` and the shot allow."""
+    """Chooses what casts shadows.
+
+    Args:
+        surface: G-buffer of the frame; its z is the depth buffer.
+        pixels: its covered pixels.
+        proxy: the proxy mesh of the frame, or None.
+        settings: `shadows` False: nothing; "single": the depth buffer; True: the proxy, else the depth buffer.
+    """
     nothing = np.zeros(0, dtype=np.int32)
     if settings.shadows is False or len(pixels.index) == 0:
         return Occluders(pixels.position, None, None, nothing, pixels.position[:0, 0])
@@ -59,10 +70,10 @@ def find_occluders(surface: Surface, pixels: Pixels, proxy: ProxyScene | None, s
 
 
 def _seen_triangle(proxy: ProxyScene, eye: F32, pixels: Pixels) -> tuple[NDArray[np.int32], F32]:
-    """Triangle behind each pixel and how far, metres, the pixel's point lies below it along the view (at least 0).
+    """Triangle behind each pixel [P], and how far the pixel's point lies below it along the view [P], metres, >= 0.
 
-    A point below the decimated surface would be shadowed by its own triangle, so rays start where the eye meets the
-    proxy. Deeper than 3 cm it is another surface in front, which does shadow it.
+    A point below the decimated surface would be shadowed by its own triangle, so its rays start where the view ray
+    meets the proxy. If it lies deeper than 3 cm, the triangle is another surface in front of it and does shadow it.
     """
     along = -pixels.view
     shown = proxy.first_hits(np.broadcast_to(eye, along.shape).astype(np.float32), along)
@@ -79,18 +90,21 @@ def occlusion(
     pixels: Pixels,
     band: Band,
     light: PreparedLight,
-    glow: Glow | None,
+    indirect: IndirectLight | None,
     settings: RelightSettings,
 ) -> tuple[NDArray[np.bool_] | None, F32 | None]:
-    """Hidden clusters [P, C] and bounced radiance [3, P, C] of a range of pixels, None where there is nothing to say.
+    """Which light clusters are occluded for a range of pixels, and the indirect radiance from there.
 
     Args:
         occluders: of the frame.
         pixels: of the frame.
-        band: range of pixels.
-        light: whose clusters are asked for.
-        glow: what the proxy's triangles send out, None for black ones.
+        band: range of P pixels.
+        light: with C clusters.
+        indirect: radiance of the proxy's triangles; None for black ones.
         settings: of the stage.
+
+    Returns:
+        Occluded clusters [P, C], None if nothing casts shadows per cluster; indirect radiance [3, P, C], None for 0.
     """
     part = band.part
     origins, normals = occluders.origins[part], pixels.normal[part]
@@ -100,9 +114,10 @@ def occlusion(
             hits = sparse_hits(occluders.proxy, occluders.origins, pixels, band, light.clusters, footprint)
         else:
             hits = occluders.proxy.cluster_hits(origins, normals, light.clusters)
-        mirror = _mirror_rays(occluders.proxy, origins, pixels, part, light.clusters, hits)
-        bounced = None if glow is None else glow.towards(hits, light.clusters.direction, *mirror)
-        return hits != OPEN, bounced
+        mirror, cluster = _mirror_rays(occluders.proxy, origins, pixels, part, light.clusters, hits)
+        if indirect is None:
+            return hits != OPEN, None
+        return hits != OPEN, indirect.towards(PixelRays(hits, light.clusters.direction, mirror, cluster))
     if occluders.depth is None or settings.shadows == "single":
         return None, None
     return march(occluders.depth, origins, normals, light.clusters.direction, settings.march_steps), None
@@ -111,10 +126,10 @@ def occlusion(
 def _mirror_rays(
     proxy: ProxyScene, origins: F32, pixels: Pixels, part: slice, clusters: Clusters, hits: I32
 ) -> tuple[F32, I32]:
-    """Lets sharp pixels see along their mirrored view what is there, instead of at the middle of a cluster.
+    """Replaces, for sharp pixels, the ray to the middle of one cluster by a ray along the mirrored view.
 
-    Writes what that ray hits into `hits` [P, C], for the cluster that it points to; returns the rays' directions [P, 3]
-    and these clusters [P], -1 for pixels that are not sharp.
+    Writes what that ray hits to `hits` [P, C], at the cluster that it points to. Returns the mirrored views [P, 3] and
+    these clusters [P], -1 for pixels that are not sharp.
     """
     normal, view = pixels.normal[part], pixels.view[part]
     own = np.full(len(normal), -1, dtype=np.int32)
@@ -129,7 +144,11 @@ def _mirror_rays(
 def single_factor(
     occluders: Occluders, pixels: Pixels, part: slice, light: PreparedLight, settings: RelightSettings
 ) -> F32:
-    """The paper's one soft factor [P, 1]: how much of the brightest light a march towards it lets through."""
+    """The paper's single soft shadow factor of a range of pixels, [P, 1] in [0, 1].
+
+    It is the share of the energy of the brightest clusters that a march in the depth buffer finds unoccluded; 1 without
+    a depth buffer or light. Source: docs/method.md section 5.
+    """
     clusters = light.clusters
     power = clusters.energy.sum(axis=0)
     if occluders.depth is None or not power.any():

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from yesnt.core.camera import Camera
 from yesnt.relight.brdf import COS_MIN, alpha_ggx
-from yesnt.relight.kernels import ShadingPoints
+from yesnt.relight.records import ShadingPoints
 
 F32 = NDArray[np.float32]
 

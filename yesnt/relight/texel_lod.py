@@ -1,6 +1,6 @@
-"""What a pixel sums: of every cluster a level of texels, and which blocks that makes.
+"""Texel level of detail: which level of texels each pixel reads of each cluster, and which blocks that makes.
 
-Clusters are looked at all at once, in lanes; only what is then listed is gone through one by one.
+All clusters are evaluated at once, in vector lanes. Only those that are then listed are visited one by one.
 """
 
 from __future__ import annotations
@@ -10,9 +10,8 @@ import math
 import numpy as np
 
 from yesnt.relight.compiled import inlined, kernel
-
-FEW = 4
-"""Blocks of a cluster that are gathered one by one; to start a loop where they lie costs as much."""
+from yesnt.relight.records import FEW, SOLID_ANGLE
+from yesnt.relight.shading_frame import load_frame
 
 TAIL = 0.08
 """Growth of the texels that a lobe bears, for each of its widths that they lie away from its core."""
@@ -27,66 +26,95 @@ _ZERO = np.float32(0.0)
 
 
 def least_bearable(detail: float, alpha: float) -> float:
-    """Size, rad, of the texels that lobes of that width bear at their cores; see choose."""
+    """Size, rad, of the texels that lobes of width `alpha` (alpha_ggx) bear at their cores; see `choose_levels`."""
     return detail * 2 * alpha * LEAST_COSINE
 
 
 @kernel
-def choose(frame, sizes, size, cone, whole, facing, level, bearable):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
-    """Writes n.l of every cluster and the coarsest level whose texels are small beside the lobe there.
+def choose_levels(stored_frame, sampling, size, clusters, state):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+    """Writes n.l of every cluster and the coarsest level whose texels are small compared with the lobe there.
 
-    Level -1 is the cluster itself, where the horizon does not cut it. A lobe about the mirror direction is 2 alpha
-    wide, n.v times that across the plane of incidence. Its tail a distance d from there varies over d; it holds the
-    less light the farther out, and bears larger texels for that.
+    A lobe about the mirror direction is 2 alpha wide, and n.v times that across the plane of incidence. At a distance d
+    from its core it varies over d; it holds less light the farther out, so that larger texels suffice. Level -1 is the
+    cluster as one texel, and is taken only if the horizon does not cut the cluster.
+
+    Args:
+        stored_frame: [12] ShadingFrame.
+        sampling: Sampling.
+        size: [L, C] mean angular size of the texels, rad.
+        clusters: ClusterArrays.
+        state: ClusterState; `cosine`, `bearable` and `level` are written.
     """
-    nv, tv, alpha = frame[9], frame[10], frame[11]
-    mx, my, mz = nv * frame[0] - tv * frame[3], nv * frame[1] - tv * frame[4], nv * frame[2] - tv * frame[5]
-    core = _TWO * alpha * max(nv, np.float32(LEAST_COSINE))
-    nx, ny, nz, detail, growth = frame[0], frame[1], frame[2], sizes[0], np.float32(TAIL) / core
-    for c in range(facing.shape[0]):
+    frame, cone, whole = load_frame(stored_frame), clusters.cone, clusters.rows
+    n, t = frame.normal, frame.tangent
+    nv, tv, detail = frame.cos_o, frame.sin_o, sampling.detail
+    mx, my, mz = nv * n.x - tv * t.x, nv * n.y - tv * t.y, nv * n.z - tv * t.z  # mirrored view
+    core = _TWO * frame.alpha * max(nv, np.float32(LEAST_COSINE))
+    growth = np.float32(TAIL) / core
+    cosine, level, bearable = state.cosine, state.level, state.bearable
+    for c in range(cosine.shape[0]):
         x, y, z, sine = cone[0, c], cone[1, c], cone[2, c], cone[3, c]
-        facing[c] = x * nx + y * ny + z * nz
+        cosine[c] = x * n.x + y * n.y + z * n.z
         away = max(math.sqrt(max(_TWO - _TWO * (x * mx + y * my + z * mz), _ZERO)) - sine, _ZERO)
         bearable[c] = detail * (core + away) * (_ONE + growth * away)
-    for c in range(facing.shape[0]):
-        level[c] = sizes[3]
-    if sizes[3] < 0:
-        for c in range(facing.shape[0]):
-            coarse = (whole[6, c] <= bearable[c] * bearable[c]) & (abs(facing[c]) > cone[3, c])
-            level[c] += not coarse
+    for c in range(cosine.shape[0]):
+        level[c] = sampling.coarsest
+    if sampling.coarsest < 0:
+        for c in range(cosine.shape[0]):
+            enough = (whole[SOLID_ANGLE, c] <= bearable[c] * bearable[c]) & (abs(cosine[c]) > cone[3, c])
+            level[c] += not enough
     for k in range(size.shape[0] - 1):
-        for c in range(facing.shape[0]):
+        for c in range(cosine.shape[0]):
             level[c] += size[k, c] > bearable[c]
 
 
 @kernel
-def at_the_horizon(start, cone, facing, behind, ground, places):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
-    """Lists blocks of level 0 (`ground`: zeros) of clusters that the horizon cuts: how many runs and single blocks."""
-    mask = places[0]
-    for c in range(facing.shape[0]):
-        mask[c] = (behind[c] == 0) & (abs(facing[c]) <= cone[3, c])
-    return _list_blocks(start, ground, places)
+def list_horizon(start, cone, state, listed):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+    """Lists blocks of level 0 of the visible clusters that the horizon cuts.
+
+    Args:
+        start: [L, C + 1] first block of each cluster at each level.
+        cone: [4, C] of PreparedLight.
+        state: ClusterState; `cosine`, `hidden` and `finest` are read.
+        listed: BlockList, written.
+
+    Returns:
+        Number of runs and number of single blocks.
+    """
+    for c in range(state.cosine.shape[0]):
+        listed.mask[c] = (state.hidden[c] == 0) & (abs(state.cosine[c]) <= cone[3, c])
+    return _list_blocks(start, state.finest, listed)
 
 
 @kernel
-def in_sight(start, cone, facing, behind, level, places):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
-    """Lists the blocks, at their levels, of clusters that are up and not hidden: how many runs and single blocks."""
-    mask = places[0]
-    for c in range(facing.shape[0]):
-        mask[c] = (behind[c] == 0) & (level[c] >= 0) & (facing[c] > -cone[3, c])
-    return _list_blocks(start, level, places)
+def list_visible(start, cone, state, level, listed):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+    """Lists the blocks, at their levels, of the visible clusters that are above the horizon at least in part.
+
+    Args:
+        start: [L, C + 1] first block of each cluster at each level.
+        cone: [4, C] of PreparedLight.
+        state: ClusterState; `cosine` and `hidden` are read.
+        level: [C] level of each cluster; those of level -1 are left out.
+        listed: BlockList, written.
+
+    Returns:
+        Number of runs and number of single blocks.
+    """
+    for c in range(state.cosine.shape[0]):
+        listed.mask[c] = (state.hidden[c] == 0) & (level[c] >= 0) & (state.cosine[c] > -cone[3, c])
+    return _list_blocks(start, level, listed)
 
 
 @kernel
-def _list_blocks(start, level, places):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _list_blocks(start, level, listed):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Lists the blocks of masked clusters: more than FEW of one cluster as a run, else one by one.
 
-    FEW places are written whatever there is: a loop of an unknown length would be guessed wrong most of the time.
+    FEW numbers are always written: the branch predictor would miss the end of a loop of unknown length mostly.
     """
-    mask, found, runs, blocks = places
+    runs, blocks = listed.runs, listed.blocks
     used = count = 0
-    for i in range(_numbers(mask, found)):
-        c = found[i]
+    for i in range(_numbers(listed.mask, listed.clusters)):
+        c = listed.clusters[i]
         first, last = start[level[c], c], start[level[c], c + 1]
         if last - first > FEW:
             used = _append(runs, used, first, last)
@@ -99,18 +127,18 @@ def _list_blocks(start, level, places):  # type: ignore[no-untyped-def]  # noqa:
 
 
 @inlined
-def _numbers(mask, found):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Writes which entries of a mask are set: how many. A branch would be guessed wrong half of the time."""
+def _numbers(mask, numbers):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Writes which entries of a mask are set and returns how many; without a branch, which would often be missed."""
     count = 0
     for c in range(mask.shape[0]):
-        found[count] = c
+        numbers[count] = c
         count += mask[c]
     return count
 
 
 @inlined
 def _append(runs, used, first, last):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Adds a run or lengthens the last one: how many there are."""
+    """Adds a run or lengthens the last one; returns the number of runs."""
     if used > 0 and runs[used - 1, 1] == first:
         runs[used - 1, 1] = last
         return used

@@ -1,4 +1,4 @@
-"""The full sum on any torch device, with the results of kernels.py to rounding; for machines with CUDA."""
+"""The lobe sums of relight/kernels.py on any torch device, equal to rounding; for machines with CUDA."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from yesnt.core.color import LUMINANCE_REC709
 from yesnt.relight.brdf import COS_MIN
-from yesnt.relight.kernels import COLUMNS, WIDEN, ShadingPoints, cluster_rows
+from yesnt.relight.kernels import COLUMNS, WIDEN, cluster_rows
 from yesnt.relight.lights import PreparedLight
-from yesnt.relight.lobes import FRESNEL
+from yesnt.relight.microfacet import FRESNEL
+from yesnt.relight.records import ShadingPoints
 from yesnt.relight.texel_lod import LEAST_COSINE, TAIL
 
 if TYPE_CHECKING:
@@ -20,18 +21,30 @@ if TYPE_CHECKING:
 
 F32 = NDArray[np.float32]
 
-_PAIRS = 1 << 22  # pixel-texel pairs a chunk: some twenty temporaries of 16 MB each
+_PAIRS = 1 << 22  # pixel-texel pairs per chunk: about twenty temporaries of 16 MB each
 
 
 def sum_lobes_torch(
     points: ShadingPoints,
     light: PreparedLight,
     hidden: NDArray[np.bool_] | None,
-    bounce: F32 | None,
+    indirect: F32 | None,
     filtered: bool = True,
     device: str | None = None,
 ) -> F32:
-    """As `kernels.sum_lobes`; `device` None takes CUDA where there is one."""
+    """As `kernels.sum_lobes`, to rounding.
+
+    Args:
+        points: P pixels.
+        light: the light, with C clusters.
+        hidden: [P, C] clusters that are occluded; None: none.
+        indirect: [3, P, C] radiance that comes from an occluded cluster's direction; None: 0.
+        filtered: as for `kernels.sum_lobes`.
+        device: name of a torch device; None: CUDA if there is one, else the CPU.
+
+    Returns:
+        [P, 20] float32 lobe sums.
+    """
     import torch
 
     where = device or ("cuda" if torch.cuda.is_available() else "cpu")
@@ -43,19 +56,19 @@ def sum_lobes_torch(
         index = order[first : first + step]
         part = ShadingPoints(
             points.normal[:, index],
-            points.view[:, index],
+            points.viewer[:, index],
             points.alpha[index],
             points.dielectric[index],
             points.metal[index],
             points.disney,
         )
         shut = None if hidden is None else hidden[index]
-        out[index] = sums(part, shut, None if bounce is None else bounce[:, index])
+        out[index] = sums(part, shut, None if indirect is None else indirect[:, index])
     return out
 
 
 class _Sums:
-    """A light on a device; called with pixels, gives their sums."""
+    """A light on a device; a call with pixels returns their lobe sums."""
 
     def __init__(self, light: PreparedLight, filtered: bool, device: str) -> None:
         self.device, texels = device, light.texels
@@ -73,10 +86,10 @@ class _Sums:
 
         return torch.from_numpy(np.array(array, order="C")).to(self.device)
 
-    def __call__(self, points: ShadingPoints, hidden: NDArray[np.bool_] | None, bounce: F32 | None) -> F32:
+    def __call__(self, points: ShadingPoints, hidden: NDArray[np.bool_] | None, indirect: F32 | None) -> F32:
         import torch
 
-        normal, view, alpha = self._put(points.normal.T), self._put(points.view.T), self._put(points.alpha)
+        normal, view, alpha = self._put(points.normal.T), self._put(points.viewer.T), self._put(points.alpha)
         wanted = torch.stack([self._put(a).float() for a in (points.dielectric, points.metal, points.metal)])
         frame = _Frame(normal, view, alpha, wanted, self.widen, points.disney)
         shut = torch.zeros((len(alpha), self.cone.shape[1]), device=self.device)
@@ -97,11 +110,11 @@ class _Sums:
         for k in range(4):
             sums[:, 12 + k] = sums[:, 3 * k : 3 * k + 3] @ self.luminance
         if hidden is not None:
-            self._glow(sums, frame, shut, bounce)
+            self._add_occluded(sums, frame, shut, indirect)
         return sums.cpu().numpy()
 
     def _clamped_cosine(self, sums: torch.Tensor, normal: torch.Tensor, seen: torch.Tensor) -> None:
-        """Irradiance of clusters; see irradiance.clamped_cosine."""
+        """Irradiance of clusters; see irradiance.add_clamped_clusters."""
         import torch
 
         mean = torch.einsum("pa,kac->pkc", normal, self.moment)
@@ -112,7 +125,7 @@ class _Sums:
         sums[:, 16] += found[:, 3]
 
     def _level(self, frame: _Frame, normal: torch.Tensor) -> torch.Tensor:
-        """Level [P, C] that each cluster is read at; see choice.choose."""
+        """Level [P, C] that each cluster is read at; see texel_lod.choose_levels."""
         core = 2 * frame.alpha * frame.nv.clamp(min=LEAST_COSINE)
         away = (2 - 2 * frame.mirror @ self.cone[:3]).clamp(min=0).sqrt() - self.cone[3]
         away = away.clamp(min=0)
@@ -122,22 +135,22 @@ class _Sums:
         whole = (self.clusters[6] <= bearable * bearable) & ~cut
         return level + self.coarsest * whole
 
-    def _glow(self, sums: torch.Tensor, frame: _Frame, shut: torch.Tensor, bounce: F32 | None) -> None:
-        """Hidden clusters: their own light for the open sums, what bounces for the others."""
+    def _add_occluded(self, sums: torch.Tensor, frame: _Frame, shut: torch.Tensor, indirect: F32 | None) -> None:
+        """Adds occluded clusters: their own light to the open sums, indirect radiance to the others."""
         open_ = sums.new_zeros(sums.shape)
         _add_irradiance(open_, frame, self.clusters, shut)
         _add_lobes(open_, frame, self.clusters, shut)
         for k in range(4):
             sums[:, 12 + k] += open_[:, 3 * k : 3 * k + 3] @ self.luminance
-        glowing = self.clusters[None].repeat(len(shut), 1, 1)
+        lit = self.clusters[None].repeat(len(shut), 1, 1)
         solid = self.clusters[6]
-        glowing[:, 3:6] = 0 if bounce is None else self._put(bounce).permute(1, 0, 2) * solid
-        _add_irradiance(sums, frame, glowing, shut)
-        _add_lobes(sums, frame, glowing, shut)
+        lit[:, 3:6] = 0 if indirect is None else self._put(indirect).permute(1, 0, 2) * solid
+        _add_irradiance(sums, frame, lit, shut)
+        _add_lobes(sums, frame, lit, shut)
 
 
 class _Frame:
-    """Pixels' frames, [P, 3] and [P, 1]; see kernels.py for the form of D."""
+    """ShadingFrame of P pixels, [P, 3] and [P, 1]; relight/microfacet.py has the form of D."""
 
     def __init__(
         self,

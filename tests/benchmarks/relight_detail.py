@@ -31,7 +31,7 @@ def seen(px, light, detail):
 
 
 def texels_read(px, light, detail):
-    """Mean over pixels of the texels that choice.choose asks for."""
+    """Mean over pixels of the texels that texel_lod.choose_levels asks for."""
     alpha, cos_o = px.lobes(slice(0, COUNT), "default").alpha, px.cos_o[:, None]
     mirror, facing = 2 * cos_o * px.normal - px.view, px.normal @ light.cone[:3]
     core = 2 * alpha[:, None] * np.maximum(cos_o, LEAST_COSINE)

@@ -19,10 +19,10 @@ demo: $(READY)  ## relight the embedded shot with two local workers, into demo/
 	$(BIN)/yesnt demo demo
 
 test: $(READY)  ## all tests of a default run (under 12 minutes on 2 cores)
-	$(BIN)/python -m pytest -m "not slow and not blender"
+	$(BIN)/python -m pytest
 
 test-long: $(READY)  ## the long suites too
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -m ''
 
 lint: $(READY)  ## style and types
 	$(BIN)/pip install --quiet -c constraints.txt -e '.[dev]'

@@ -112,11 +112,20 @@ def test_two_poison_frames_do_not_take_each_other_or_innocents_along(job: Job, c
     assert len(outcome.done) == 8
 
 
-def test_dashboard_groups_by_stage(job: Job, client) -> None:
+def test_dashboard_groups_by_stage(job: Job, client, monkeypatch) -> None:
+    """The dashboard colours and sums tasks by the prefix of their keys (`key_split`): it must be the stage."""
     from dask.utils import key_split
 
-    node = chain(1).nodes["a", 0]
-    assert key_split((f"{node.stage}-{node.key}", 0, 0)) == "a"
+    keys, submit = [], client.submit
+
+    def recorded(*arguments, key, **options):
+        keys.append(key)
+        return submit(*arguments, key=key, **options)
+
+    monkeypatch.setattr(client, "submit", recorded)
+    drive(job, chain(3), client)
+    assert sorted(key_split(key) for key in keys) == ["a", "a", "a", "b", "b", "b"]
+    assert len(set(keys)) == 6
 
 
 def test_cluster_listens_on_loopback_only_with_one_thread_each(client) -> None:

@@ -33,7 +33,7 @@ def trade(
         text.print_json(document)
         return 0 if document["choice"] else 1
     text.print_table(
-        ("stage", "setting", "s a frame", "evaluations", "error"),
+        ("stage", "setting", "s per frame", "evaluations", "error"),
         (
             (p["stage"], p["name"], f"{p['seconds']:.2f}", f"{p['evaluations']:.0f}" if p["evaluations"] else "",
              f"{p['error']:.5f}")
@@ -45,7 +45,7 @@ def trade(
         print("No combination keeps within what was asked.")
     else:
         named = ", ".join(f"{stage}: {name}" for stage, name in choice["names"].items())
-        print(f"Take {named}: {choice['seconds']:.2f} s a frame, error {choice['error']:.5f} (squares added).")
+        print(f"Take {named}: {choice['seconds']:.2f} s per frame, error {choice['error']:.5f} (squares added).")
         print(f"In the job file: {document['job']}")
     print(f"Written: {', '.join(document['files'])}")
     return 0 if choice else 1

@@ -7,28 +7,24 @@ import json
 from pathlib import Path
 
 from yesnt.io.durable import write_bytes, write_json
+from yesnt.io.templates import render
 from yesnt.report.facts import gather
 from yesnt.report.pictures import draw
 from yesnt.report.timeline import timeline_svg
 from yesnt.runtime.session import Session
 
-TEMPLATE = Path(__file__).parent.parent / "data" / "report.html.jinja"
-
 
 def write_report(session: Session) -> Path:
-    """Writes `report.json` and `report.html` into the run folder; returns the page.
+    """Writes `report.json` and `report.html` into the run folder; returns the path of the page.
 
-    What is not done yet is left out and said.
+    Stages that are not done have no picture; the page lists them.
     """
-    import jinja2
-
     facts = gather(session)
     write_json(session.output.run / "report.json", facts)
     images = {name: "data:image/png;base64," + base64.b64encode(png).decode() for name, png in draw(session).items()}
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
-    template = environment.from_string(TEMPLATE.read_text())
     curve = session.output.run / "trade.svg"
-    page = template.render(
+    page = render(
+        "report.html.jinja",
         facts=facts,
         images=images,
         timeline=timeline_svg(facts["tasks"]),

@@ -48,7 +48,34 @@ def test_the_cheapest_within_an_error_and_the_best_within_a_time():
     assert cheapest(POINTS, 0.001, 3.0) is None
 
 
-def test_the_plot_is_whole_and_names_every_setting():
-    root = ElementTree.fromstring(plot_svg(POINTS))
-    text = "".join(root.itertext())
-    assert all(point.name in text for point in POINTS)
+def shapes(points):
+    """Tag -> elements of the drawing of these points."""
+    found = {}
+    for element in ElementTree.fromstring(plot_svg(points)).iter():
+        found.setdefault(element.tag.rpartition("}")[2], []).append(element)
+    return found
+
+
+def test_the_plot_has_a_panel_a_stage_and_a_dot_a_setting():
+    drawn = shapes(POINTS)
+    assert len(drawn["g"]) == 4
+    assert len(drawn["circle"]) == len(POINTS)
+    assert "bad: 2 s, error 0.05" in [title.text for title in drawn["title"]]
+    labels = [text.text for text in drawn["text"]]
+    assert "good" in labels
+    assert "bad" not in labels, "only the frontier is labelled"
+    assert len(shapes(POINTS[:3])["g"]) == 1
+
+
+def test_slower_settings_lie_farther_right_and_larger_errors_higher():
+    fast, bad, good = shapes(POINTS[:3])["circle"]
+    x, y = ([float(dot.get(name)) for dot in (fast, bad, good)] for name in ("cx", "cy"))
+    assert x[0] < x[1] < x[2]
+    assert y[1] < y[0] < y[2], "SVG counts from the top"
+    front = shapes(POINTS[:3])["polyline"][0].get("points").split()
+    assert front == [f"{dot.get('cx')},{dot.get('cy')}" for dot in (fast, good)]
+
+
+def test_names_in_the_plot_are_escaped():
+    drawn = shapes([Point("flow", "K<2 & more", 1.0, 0.5)])
+    assert "K<2 & more" in [text.text for text in drawn["text"]]

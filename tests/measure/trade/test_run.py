@@ -1,12 +1,13 @@
 """`yesnt trade` on the tiny shot, with few variants: what is written, and that the reference has no error."""
 
 import json
-import subprocess
-import sys
 
 import pytest
+import typer
+from typer.testing import CliRunner
 
 from tests.tiny_shot import write_tiny_shot
+from yesnt.cli.trade import trade
 from yesnt.core.errors import UsageError
 from yesnt.decompose.settings import EnsembleSettings
 from yesnt.measure.trade import TradeOptions, run_trade
@@ -63,6 +64,47 @@ def test_the_last_variant_of_a_stage_is_its_reference_and_jobs_are_valid():
     assert len({(v.stage, v.name) for v in found}) == len(found)
 
 
-def test_the_command_is_there():
-    out = subprocess.run([sys.executable, "-m", "yesnt", "trade", "--help"], capture_output=True, text=True, check=True)
-    assert "--seconds-per-frame" in out.stdout
+@pytest.fixture
+def command(monkeypatch):
+    """`yesnt trade` with the measurement replaced: (run it, the options that it passed on)."""
+    passed = []
+    points = [{"stage": "flow", "name": "dis-fast", "seconds": 0.5, "error": 0.0125, "evaluations": 0.0}]
+    choice = {"names": {"flow": "dis-fast"}, "seconds": 0.5, "error": 0.0125}
+
+    def measured(session, options, listen):
+        passed.append((session, options))
+        listen("flow: dis-fast")
+        fits = options.error is None or options.error >= 0.0125
+        job = {"flow": {"knobs": {"method": "dis-fast"}}}
+        return {"points": points, "choice": choice if fits else None, "job": job, "files": ["trade.json"]}
+
+    monkeypatch.setattr("yesnt.measure.trade.run_trade", measured)
+    monkeypatch.setattr("yesnt.runtime.session.Session", str)
+    app = typer.Typer()
+    app.command()(trade)
+
+    def run(*arguments):
+        done = CliRunner().invoke(app, arguments, catch_exceptions=False, standalone_mode=False)
+        return done.return_value, done.stdout
+
+    return run, passed
+
+
+def test_the_command_passes_its_options_on_and_prints_the_settings(command):
+    run, passed = command
+    status, printed = run("walk", "--error", "0.02", "--seconds-per-frame", "3", "--frames", "4")
+    assert passed == [("walk", TradeOptions(frames=4, error=0.02, seconds=3.0))]
+    assert status == 0
+    assert "0.01250" in printed
+    assert "Take flow: dis-fast: 0.50 s per frame, error 0.01250" in printed
+    assert "'method': 'dis-fast'" in printed
+
+
+def test_the_command_says_when_nothing_fits(command):
+    run, _ = command
+    status, printed = run("walk", "--error", "0.001")
+    assert status == 1
+    assert "No combination" in printed
+    status, printed = run("walk", "--error", "0.001", "--json")
+    assert status == 1
+    assert json.loads(printed)["choice"] is None

@@ -1,63 +1,57 @@
-"""The curve of seconds against error as SVG: one panel a stage, the frontier joined."""
+"""The curve of seconds against error as SVG: one panel per stage, the frontier joined by a line."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from html import escape
+from typing import Any
 
+from yesnt.io.templates import render
 from yesnt.measure.trade.choose import Point, frontier
 from yesnt.measure.trade.variants import STAGES
 
 WIDTH, HEIGHT, LEFT, BOTTOM, TOP = 470, 300, 62, 42, 26
+"""Of a panel, in SVG units: its size, and the margins of the plot inside it."""
+
+RIGHT = 20
+"""Margin at the right."""
+
 LEAST_ERROR = 1e-5
-"""Errors below are drawn here: the reference's own is 0, and the axis is logarithmic."""
+"""Smaller errors are drawn here: the reference's own is 0, and the axis is logarithmic."""
 
 
 def plot_svg(points: Sequence[Point]) -> str:
-    """An SVG document; both axes are logarithmic."""
-    panels = [_panel(stage, [p for p in points if p.stage == stage]) for stage in STAGES]
-    placed = [
-        f'<g transform="translate({(i % 2) * WIDTH},{(i // 2) * HEIGHT})">{panel}</g>' for i, panel in enumerate(panels)
+    """An SVG document; both axes are logarithmic, and a stage without points has no panel."""
+    panels = [
+        _panel(stage, of_stage) | {"x": (place % 2) * WIDTH, "y": (place // 2) * HEIGHT}
+        for place, stage in enumerate(STAGES)
+        if (of_stage := [point for point in points if point.stage == stage])
     ]
-    return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {2 * WIDTH} {2 * HEIGHT}" width="100%" '
-        f'font-family="sans-serif" font-size="11"><rect width="100%" height="100%" fill="#fff"/>{"".join(placed)}</svg>'
-    )
+    edges = {"left": LEFT, "right": WIDTH - RIGHT, "top": TOP, "bottom": HEIGHT - BOTTOM}
+    return render("trade.svg.jinja", panels=panels, width=2 * WIDTH, height=2 * HEIGHT, **edges)
 
 
-def _panel(stage: str, points: Sequence[Point]) -> str:
-    if not points:
-        return ""
-    x = _axis([p.seconds for p in points], LEFT, WIDTH - 20)
-    y = _axis([max(p.error, LEAST_ERROR) for p in points], HEIGHT - BOTTOM, TOP)
-    front = frontier(points)
-    path = " ".join(f"{x(p.seconds):.1f},{y(max(p.error, LEAST_ERROR)):.1f}" for p in front)
-    dots = "".join(_dot(p, x(p.seconds), y(max(p.error, LEAST_ERROR)), p in front) for p in points)
-    ticks = "".join(
-        f'<text x="{x(v):.1f}" y="{HEIGHT - BOTTOM + 16}" text-anchor="middle">{v:.2g}</text>'
-        for v in _ticks([p.seconds for p in points])
-    ) + "".join(
-        f'<text x="{LEFT - 6}" y="{y(v) + 4:.1f}" text-anchor="end">{v:.0e}</text>'
-        for v in _ticks([max(p.error, LEAST_ERROR) for p in points])
-    )
-    return (
-        f'<text x="{LEFT}" y="16" font-size="13" font-weight="bold">{stage}</text>'
-        f'<path d="M{LEFT} {TOP}V{HEIGHT - BOTTOM}H{WIDTH - 20}" fill="none" stroke="#999"/>{ticks}'
-        f'<text x="{WIDTH - 20}" y="{HEIGHT - 8}" text-anchor="end">processor seconds a frame</text>'
-        f'<text x="{LEFT + 4}" y="{TOP + 4}" fill="#666">display error</text>'
-        f'<polyline points="{path}" fill="none" stroke="#4878a8" stroke-width="1.5"/>{dots}'
-    )
+def _panel(stage: str, points: Sequence[Point]) -> dict[str, Any]:
+    seconds, errors = [p.seconds for p in points], [max(p.error, LEAST_ERROR) for p in points]
+    x, y = _axis(seconds, LEFT, WIDTH - RIGHT), _axis(errors, HEIGHT - BOTTOM, TOP)
+    best = frontier(points)
+    return {
+        "stage": stage,
+        "seconds": [{"place": f"{x(value):.1f}", "text": f"{value:.2g}"} for value in _ticks(seconds)],
+        "errors": [{"place": f"{y(value) + 4:.1f}", "text": f"{value:.0e}"} for value in _ticks(errors)],
+        "frontier": " ".join(f"{x(p.seconds):.1f},{y(max(p.error, LEAST_ERROR)):.1f}" for p in best),
+        "dots": [_dot(p, x(p.seconds), y(max(p.error, LEAST_ERROR)), p in best) for p in points],
+    }
 
 
-def _dot(point: Point, x: float, y: float, best: bool) -> str:
-    color = "#4878a8" if best else "#bbb"
-    label = f'<text x="{x + 6:.1f}" y="{y - 5:.1f}" fill="#333">{escape(point.name)}</text>' if best else ""
+def _dot(point: Point, x: float, y: float, best: bool) -> dict[str, Any]:
     title = f"{point.name}: {point.seconds:.3g} s, error {point.error:.3g}"
-    return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4" fill="{color}"><title>{escape(title)}</title></circle>{label}'
+    place = {"x": f"{x:.1f}", "y": f"{y:.1f}", "label_x": f"{x + 6:.1f}", "label_y": f"{y - 5:.1f}"}
+    return {"name": point.name, "title": title, "best": best, **place}
 
 
 def _axis(values: Sequence[float], start: float, stop: float) -> Callable[[float], float]:
+    """Maps values to places from start to stop, logarithmically, with room at both ends."""
     low, high = (math.log(max(v, 1e-9)) for v in (min(values), max(values)))
     low, high = low - 0.05 * (high - low) - 1e-3, high + 0.25 * (high - low) + 1e-3
 
@@ -68,6 +62,6 @@ def _axis(values: Sequence[float], start: float, stop: float) -> Callable[[float
 
 
 def _ticks(values: Sequence[float]) -> list[float]:
-    """About four values, evenly spread in the logarithm."""
+    """Four values, evenly spread in the logarithm; one if all are equal."""
     low, high = (math.log(max(v, 1e-9)) for v in (min(values), max(values)))
     return [math.exp(low + (high - low) * i / 3) for i in range(4)] if high > low else [math.exp(low)]

@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/ready
 BENCHMARKS := engine_overhead engine_memory temporal_speed relight_speed
 
-.PHONY: demo test test-long lint bench blender train clean help
+.PHONY: demo test test-long mutation lint bench blender train clean help
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/'
@@ -27,6 +27,9 @@ test-long: $(READY)  ## the long suites too
 lint: $(READY)  ## style and types
 	$(BIN)/pip install --quiet -c constraints.txt -e '.[dev]'
 	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
+
+mutation: $(READY)  ## how many small changes of the code the tests notice (hours; resumes)
+	nice $(BIN)/python -m tests.mutation.run
 
 bench: $(READY)  ## ratios that the documentation quotes; writes nothing
 	for name in $(BENCHMARKS); do echo "== $$name"; $(BIN)/python tests/benchmarks/$$name.py || exit 1; done

@@ -2,7 +2,7 @@
 
     python tests/benchmarks/relight_ladder.py FOLDER [FIRST-LASTxSTEP] [short]
 
-`short`: only standard quality, without and with shadows and film.
+`short`: only standard quality, without and with shadows and pixel filter.
 
 FOLDER holds a shot with `truth/material.####.exr` and `truth/relit_NAME.####.exr` for maps `env/NAME.exr`. Matte:
 opacity > 0.99; sRGB, clipped to [0, 1]; PSNR of each frame, mean over frames.
@@ -31,7 +31,7 @@ from yesnt.relight import (
 )
 
 STANDARD = RelightSettings()
-POINTS = replace(STANDARD, edges=False, film=0.0)
+POINTS = replace(STANDARD, edges=False, pixel_filter=0.0)
 OPEN = replace(POINTS, shadows=False)
 RUNGS = {  # name: (settings, with proxy, roughness or None for the true one)
     "paper's base, no shadow": (replace(OPEN, base_color="plate", brdf="paper"), False, None),
@@ -41,8 +41,8 @@ RUNGS = {  # name: (settings, with proxy, roughness or None for the true one)
     "+ visibility marched in z": (POINTS, False, None),
     "+ visibility from the proxy": (replace(POINTS, bounce=0), True, None),
     "+ two bounces": (POINTS, True, None),
-    "+ edges resolved": (replace(STANDARD, film=0.0), True, None),
-    "+ film = standard": (STANDARD, True, None),
+    "+ edges resolved": (replace(STANDARD, pixel_filter=0.0), True, None),
+    "+ pixel filter = standard": (STANDARD, True, None),
     "draft": (RelightSettings.from_quality("draft"), True, None),
     "final": (RelightSettings.from_quality("final"), True, None),
     "standard, roughness 0.5": (STANDARD, True, 0.5),
@@ -79,7 +79,7 @@ def psnr(found, truth, matte):
     return -10 * np.log10(np.square(error).mean())
 
 
-FREE, WHOLE = "+ Cycles' energy terms", "+ film = standard"
+FREE, WHOLE = "+ Cycles' energy terms", "+ pixel filter = standard"
 
 
 def main(folder, frames, rungs):

@@ -19,7 +19,7 @@ from yesnt.relight import (
 from yesnt.relight.brdf import alpha_ggx
 from yesnt.relight.points import gather_pixels
 
-DRAFT = RelightSettings.from_quality("draft", edges=False, film=0.0)
+DRAFT = RelightSettings.from_quality("draft", edges=False, pixel_filter=0.0)
 
 
 def relight(plate, gbuffer, cam, env, capture, settings, proxy=None):
@@ -57,7 +57,7 @@ def test_the_capture_light_is_inverted_exactly(brdf, metallic):
 def test_relit_under_its_own_light_the_plate_comes_back_with_shadows_and_bounce():
     gbuffer, cam, proxy = floor_and_block()
     env = sky(16)
-    few = {"texels": 128, "clusters": 32, "capture_clusters": 32, "film": 0.0}
+    few = {"texels": 128, "clusters": 32, "capture_clusters": 32, "pixel_filter": 0.0}
     lit = RelightSettings.from_quality("draft", base_color="plate", **few)
     inverse = RelightSettings.from_quality("draft", capture_passes=4, **few)
     plate = relight(gbuffer.base_color, gbuffer, cam, env, env, lit, proxy)

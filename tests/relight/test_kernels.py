@@ -97,8 +97,8 @@ def test_what_is_hidden_is_replaced_by_what_bounces():
     assert (dark[:, LIT] == 0).all()
     open_ = dark[:, OPEN_LIGHT].mean(0), whole[:, OPEN_LIGHT].mean(0)
     assert np.allclose(*open_, rtol=0.05)  # what would arrive in the open stays
-    glow = np.full((3, 300, len(light.clusters)), 0.5, np.float32)
-    lit = sum_lobes(lobes, light, ~nothing, glow)
+    indirect = np.full((3, 300, len(light.clusters)), 0.5, np.float32)
+    lit = sum_lobes(lobes, light, ~nothing, indirect)
     assert np.allclose(lit[:, [0, 6, 9]], 0.5 * lit[:, [16, 18, 19]], rtol=1e-4)
 
 

@@ -124,6 +124,7 @@ def test_extra_frames_may_be_ignored_by_name(tmp_path: Path) -> None:
     ("section", "value", "message"),
     [
         ("relight", {"texel": 8}, "Unknown knob 'texel'.*key relight"),
+        ("relight", {"film": 0.1}, "`film` is now called `pixel_filter`.*key relight: film.*rename it"),
         ("relight", {"brdf": "phong"}, "brdf"),
         ("temporal", {"knobs": {"lambda1": -1.0}}, r"lambda1.*key temporal\.knobs"),
         ("flow", {"knobs": {"methid": "dis-fast"}}, "Unknown knob 'methid'"),

@@ -73,11 +73,12 @@ def energy_params(shot: Shot) -> EnergyParams:
 
 def relight_settings(shot: Shot) -> RelightSettings:
     """What the quality means for relighting, with the knobs that the job sets by name."""
-    from yesnt.relight.settings import RelightSettings
+    from yesnt.relight.settings import RelightSettings, refuse_former_names
 
     def build(**knobs: Any) -> RelightSettings:
         return RelightSettings.from_quality(shot.quality, **knobs)
 
+    refuse_former_names(shot.relight)
     return _build("relight", build, shot.relight, _fields(RelightSettings))
 
 

@@ -1,4 +1,7 @@
-"""One frame: the capture light is taken out of the plate, then the frame is lit anew. Arrays in, arrays out."""
+"""Relights one frame: inverts the capture light out of the plate, then lights the base colour with the new map.
+
+Arrays in, arrays out. Source: docs/method.md section 5.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,7 @@ from yesnt.relight.indirect import indirect_light
 from yesnt.relight.kernels import COLUMNS, LIT, sum_lobes
 from yesnt.relight.lights import PreparedLight, prepare_light
 from yesnt.relight.occlusion import Occluders, find_occluders, occlusion, single_factor
-from yesnt.relight.pixel_filter import film, film_of_light, meetings, read_at_centres, short_normals
+from yesnt.relight.pixel_filter import filter_pixels, filter_light, boundaries, read_at_centres, short_normals
 from yesnt.relight.points import Pixels, Surface, gather_pixels
 from yesnt.relight.proxy import ProxyScene
 from yesnt.relight.settings import RelightSettings
@@ -25,12 +28,12 @@ from yesnt.relight.sparse import bands
 F32 = NDArray[np.float32]
 
 LEAST_ROWS = 32
-"""Rows that a smaller map is subdivided to: below, a hemisphere holds too few directions for one per cent."""
+"""Least rows of a map: smaller ones are subdivided, since a hemisphere of so few directions is off by over 1 %."""
 
 
 @dataclass(frozen=True)
 class FrameInputs:
-    """What the stage reads for one frame.
+    """Inputs of one frame.
 
     Attributes:
         plate: [H, W, 3] straight (un-premultiplied) scene-linear Rec.709.
@@ -45,12 +48,12 @@ class FrameInputs:
 
 @dataclass(frozen=True)
 class RelitFrame:
-    """Straight images, 0 where the opacity is 0.
+    """Result of one frame: straight images, scene-linear Rec.709, 0 where the opacity is 0.
 
     Attributes:
-        base_color: [H, W, 3] 0..1, what was relit.
-        diffuse: [H, W, 3] radiance, shadows and bounce included.
-        specular: [H, W, 3] radiance, shadows and bounce included.
+        base_color: [H, W, 3] 0..1, as relit.
+        diffuse: [H, W, 3] radiance, with shadows and indirect radiance.
+        specular: [H, W, 3] radiance, with shadows and indirect radiance.
         shadow: [H, W] relit over unshadowed luminance, 0..1; 1 outside the matte.
     """
 
@@ -66,17 +69,17 @@ class RelitFrame:
 
 
 def prepare_relight(env: EnvMap, settings: RelightSettings) -> PreparedLight:
-    """The light that relights, at the settings' resolution; once per process and map."""
+    """Prepares the map that relights, at the resolution of the settings; takes seconds, once per map."""
     return prepare_light(env, settings.texels, settings.clusters, **_grid(settings))
 
 
 def prepare_capture(env: EnvMap, settings: RelightSettings) -> PreparedLight:
-    """The light of the plate, at the settings' resolution; once per process."""
+    """Prepares the map under which the plate was captured, at the resolution of the settings."""
     return prepare_light(env, settings.capture_texels, settings.capture_clusters, **_grid(settings))
 
 
 def _grid(settings: RelightSettings) -> dict[str, Any]:
-    """The plain formula sums a small map as it is; otherwise it is subdivided, which changes nothing but the error."""
+    """Grid options of `prepare_light`; the paper's formula sums a small map as it is, without subdivision."""
     least = 1 if settings.brdf == "paper" else LEAST_ROWS
     return {"rows": settings.rows, "least": least, "detail": settings.detail, "error": settings.error}
 
@@ -88,9 +91,16 @@ def relight_frame(
     proxy: ProxyScene | None,
     settings: RelightSettings,
 ) -> RelitFrame:
-    """Takes `capture` out of the plate and lights the frame with `light`.
+    """Inverts `capture` out of the plate and lights the frame with `light`.
 
-    Pure and deterministic: the result depends on nothing but the arguments, to the bit, for any number of threads.
+    Pure and deterministic: the result depends on the arguments only, to the bit, for any number of threads.
+
+    Args:
+        inputs: plate and G-buffer.
+        light: of `prepare_relight`.
+        capture: of `prepare_capture`.
+        proxy: mesh that occludes and reflects light; None: shadows are marched in the depth buffer.
+        settings: of the stage.
 
     Raises:
         ValueError: `capture` is None although the base colour is not given.
@@ -112,10 +122,17 @@ def relight_frame(
 def base_color(
     plate: F32, pixels: Pixels, occluders: Occluders, capture: PreparedLight, settings: RelightSettings
 ) -> F32:
-    """Base colour [P, 3] of the pixels: the plate itself, or the plate with its light inverted.
+    """Base colour of the pixels, [P, 3] in [0, 1]: the plate, or the plate with its capture light inverted.
 
-    The bounce needs the proxy's colour and that needs the base colour. The first guess divides the plate by the light
-    that falls on an unoccluded pixel; each pass refines both.
+    The indirect radiance needs the colour of the proxy, and that needs the base colour. The first estimate divides the
+    plate by the irradiance of an unoccluded pixel; each pass refines both.
+
+    Args:
+        plate: [P, 3] straight scene-linear radiance, finite, at least 0.
+        pixels: of the frame.
+        occluders: of the frame.
+        capture: the light of the plate.
+        settings: `base_color` and `capture_passes` are read, and all that `integrate` reads.
     """
     if settings.base_color == "plate":
         return np.minimum(plate, 1.0)
@@ -128,14 +145,15 @@ def base_color(
 
 
 def _passes(occluders: Occluders, settings: RelightSettings) -> int:
-    bouncing = occluders.proxy is not None and settings.bounce > 0
-    return max(settings.capture_passes, 1) if bouncing else 1
+    """Passes of the inversion: one if there is no indirect radiance."""
+    indirect = occluders.proxy is not None and settings.bounce > 0
+    return max(settings.capture_passes, 1) if indirect else 1
 
 
 def shade_pixels(
     base: F32, pixels: Pixels, occluders: Occluders, light: PreparedLight, settings: RelightSettings
 ) -> RelitFrame:
-    """Lights pixels of known base colour [P, 3]."""
+    """Lights P pixels of known base colour [P, 3]; the images have the size of the frame."""
     sums = integrate(base, pixels, occluders, light, settings)
     weights: Response = response(sums, pixels, settings.brdf)
     shadow = np.ones(pixels.shape, dtype=np.float32)
@@ -146,26 +164,27 @@ def shade_pixels(
 
 
 def finish(relit: RelitFrame, guide: F32, surface: Surface, settings: RelightSettings) -> RelitFrame:
-    """What turns light at pixel centres into a plate's: edges resolved by the guide [H, W, 3], the film's width."""
-    return finish_film(finish_edges(relit, guide, surface, settings), surface, settings)
+    """Makes light at pixel centres like a plate's: resolves edges by the guide [H, W, 3], then applies the pixel filter."""
+    return finish_pixel_filter(finish_edges(relit, guide, surface, settings), surface, settings)
 
 
-def finish_film(relit: RelitFrame, surface: Surface, settings: RelightSettings) -> RelitFrame:
-    """Averages the light over the film's width where the surface was read at pixel centres."""
+def finish_pixel_filter(relit: RelitFrame, surface: Surface, settings: RelightSettings) -> RelitFrame:
+    """Applies the pixel filter if the surface was sampled at pixel centres and `settings.pixel_filter` is not 0."""
     coverage = np.clip(np.nan_to_num(np.asarray(surface.opacity, dtype=np.float32)), 0, 1)
-    if settings.film == 0 or not read_at_centres(short_normals(surface.normal, coverage > 0)):
+    if settings.pixel_filter == 0 or not read_at_centres(short_normals(surface.normal, coverage > 0)):
         return relit
-    meeting = meetings(_finite(surface.normal), _finite(surface.metallic))
-    diffuse = film_of_light(relit.diffuse, relit.base_color, meeting, coverage, settings.film)
-    return replace(relit, diffuse=diffuse, specular=film(relit.specular, coverage, settings.film))
+    boundary = boundaries(_finite(surface.normal), _finite(surface.metallic))
+    diffuse = filter_light(relit.diffuse, relit.base_color, boundary, coverage, settings.pixel_filter)
+    return replace(relit, diffuse=diffuse, specular=filter_pixels(relit.specular, coverage, settings.pixel_filter))
 
 
 def _finite(plane: NDArray[np.floating]) -> F32:
+    """Copy as float32, 0 where it is not finite."""
     return np.nan_to_num(np.asarray(plane, dtype=np.float32), nan=0.0, posinf=0.0, neginf=0.0)
 
 
 def finish_edges(relit: RelitFrame, guide: F32, surface: Surface, settings: RelightSettings) -> RelitFrame:
-    """Resolves antialiased pixels by the guide [H, W, 3] if the settings ask for it."""
+    """Resolves antialiased pixels by the guide colour [H, W, 3] if `settings.edges` is on; see relight/edges.py."""
     if not settings.edges:
         return relit
     normal, metallic = _finite(surface.normal), np.clip(_finite(surface.metallic), 0, 1)
@@ -175,6 +194,7 @@ def finish_edges(relit: RelitFrame, guide: F32, surface: Surface, settings: Reli
 
 
 def _engine(settings: RelightSettings) -> Callable[..., F32]:
+    """The function that sums lobes: compiled by Numba, or by torch."""
     if settings.engine == "numba":
         return sum_lobes
     from yesnt.relight.torch_sum import sum_lobes_torch  # torch costs seconds to import
@@ -183,7 +203,15 @@ def _engine(settings: RelightSettings) -> Callable[..., F32]:
 
 
 def integrate(base: F32, pixels: Pixels, occluders: Occluders, light: PreparedLight, settings: RelightSettings) -> F32:
-    """Lobe sums [P, 20] of all pixels, a tile at a time so that memory stays bounded."""
+    """Lobe sums [P, 20] of all pixels (`kernels.sum_lobes`), a band at a time so that memory stays bounded.
+
+    Args:
+        base: [P, 3] base colour, which the proxy takes its colour from.
+        pixels: of the frame.
+        occluders: of the frame.
+        light: the light.
+        settings: of the stage.
+    """
     indirect = None
     if occluders.proxy is not None and settings.bounce > 0:
         indirect = indirect_light(occluders.proxy, pixels, occluders.shown, base, light, settings)

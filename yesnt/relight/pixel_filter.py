@@ -1,12 +1,13 @@
-"""What a film does that a G-buffer read at pixel centres does not know: each pixel averages light around it.
+"""Pixel filter (reconstruction filter): each pixel of a plate is a mean of the light around its centre.
 
-A renderer's or a camera's pixel is the mean over a filter wider than itself (Cycles' Blackman-Harris of width 1.5
-reaches over 3 pixels). Normals and depths that were averaged by the same filter bring that with them, and are short
-where they mix; those read at pixel centres are of unit length everywhere, and light computed from them is sharper than
-the plate: then it is averaged here, coverage by coverage, so that nothing outside the matte takes part.
+The filter of a renderer or camera is wider than a pixel (Blackman-Harris of width 1.5, Cycles' default, reaches over 3
+pixels). A G-buffer whose normals and depths have been through that filter has short normals where it mixes surfaces. A
+G-buffer sampled at pixel centres has unit normals everywhere, and light computed from it is sharper than the plate.
+Then the light is filtered here, weighted by coverage, so that nothing outside the matte takes part.
 
-Paint has been through the plate's own filter, and would be blurred twice: on one surface only the light that falls on
-it is averaged. Where surfaces or metals meet, a pixel of the plate holds paint of both, and all is averaged.
+The plate's base colour has been through the filter already and would be blurred twice. So on one surface only the light
+that falls on it is filtered. Where surfaces or materials meet, a pixel of the plate mixes both, and the product of light
+and base colour is filtered. Source: docs/relight.md.
 """
 
 from __future__ import annotations
@@ -17,16 +18,21 @@ from numpy.typing import NDArray
 
 F32 = NDArray[np.float32]
 
-_WHOLE = 0.98  # length from which a normal is one direction, not the mean of several 20 degrees apart: half keeps 1e-3
-_MISSING = 1e-12  # squared length up to which a normal is none
-_FEW = 0.01  # share of shorter normals up to which they count as read at pixel centres: none in these, 0.29 in averaged
-_BENT = 0.5  # range of normals over three by three pixels above which these are of two surfaces, or of a sharp bend
-_METALS = 0.05  # range of metallic above which they are of two materials
-_FAINT = 0.02  # paint below which light is not told by what it reflects
+_WHOLE = (
+    0.98  # least length of one direction; the mean of directions 20 degrees apart is shorter; half floats keep 1e-3
+)
+_MISSING = 1e-12  # squared length up to which a normal is missing
+_FEW = 0.01  # share of short normals up to which a G-buffer was sampled at pixel centres: 0 in those, 0.29 in filtered
+_BENT = 0.5  # range of normals over 3 x 3 pixels above which these are of two surfaces, or of a sharp bend
+_METALS = 0.05  # range of metallic over 3 x 3 pixels above which these are of two materials
+_FAINT = 0.02  # base colour below which reflected light does not tell the incident light
 
 
 def short_normals(normal: NDArray[np.floating], covered: NDArray[np.bool_]) -> float:
-    """Share of the covered pixels whose normal [H, W, 3] is an average of directions; missing normals do not count."""
+    """Share of the covered pixels [H, W] whose normal [H, W, 3] is shorter than 0.98, a mean of several directions.
+
+    Missing normals (0 or NaN) do not count; 0 if all are missing.
+    """
     vectors = np.asarray(normal, dtype=np.float32)[covered]
     square = np.einsum("pc,pc->p", vectors, vectors)
     known = square > _MISSING  # and no NaN
@@ -34,20 +40,20 @@ def short_normals(normal: NDArray[np.floating], covered: NDArray[np.bool_]) -> f
 
 
 def read_at_centres(short: float) -> bool:
-    """Whether that share of short normals says that the G-buffer was read at pixel centres."""
+    """Whether the G-buffer was sampled at pixel centres, from its share of `short_normals`."""
     return short <= _FEW
 
 
-def film(image: F32, coverage: F32, side: float) -> F32:
-    """Averages a straight image over the film's width; 0 where the coverage is 0.
+def filter_pixels(image: F32, coverage: F32, side: float) -> F32:
+    """Filters a straight image; 0 where the coverage is 0.
 
-    Light arrives in proportion to coverage, so that is what is averaged, with (side, 1 - 2 side, side) along rows and
-    columns, and divided by the coverage averaged alike. A constant stays one up to the edge of the matte.
+    Image times coverage is convolved with (side, 1 - 2 side, side) along rows and columns and divided by the coverage
+    convolved alike. A constant image stays constant up to the edge of the matte.
 
     Args:
-        image: [H, W, C] straight, at least 0.
+        image: [H, W, C] straight radiance, at least 0.
         coverage: [H, W] 0..1.
-        side: share of each neighbour along an axis, half the variance of the filter in pixels^2: below 0.5.
+        side: weight of each neighbour along an axis, half the variance of the filter in pixels^2: below 0.5.
     """
     average, found = _Average(coverage, side), np.empty(image.shape, dtype=np.float32)
     for channel in range(image.shape[-1]):  # one after another: at 4K each temporary is 33 MB
@@ -55,28 +61,28 @@ def film(image: F32, coverage: F32, side: float) -> F32:
     return found
 
 
-def film_of_light(image: F32, paint: F32, meeting: NDArray[np.bool_], coverage: F32, side: float) -> F32:
-    """As `film`, but what the paint multiplies is averaged, and the paint is not; where surfaces meet both are.
+def filter_light(image: F32, base_color: F32, boundary: NDArray[np.bool_], coverage: F32, side: float) -> F32:
+    """Filters the light and not the base colour that multiplies it; at boundaries, the product of both.
 
     Args:
-        image: [H, W, 3] straight, at least 0; light times paint.
-        paint: [H, W, 3] in [0, 1].
-        meeting: [H, W] see `meetings`.
+        image: [H, W, 3] straight radiance, at least 0; light times base colour.
+        base_color: [H, W, 3] in [0, 1].
+        boundary: [H, W] of `boundaries`.
         coverage: [H, W] 0..1.
-        side: as for `film`.
+        side: as for `filter_pixels`.
     """
     average, found = _Average(coverage, side), np.empty(image.shape, dtype=np.float32)
     for channel in range(image.shape[-1]):
-        lit, whole = image[..., channel], np.maximum(paint[..., channel], np.float32(_FAINT))
-        found[..., channel] = np.where(meeting, average(lit), average(lit / whole) * whole)
+        lit, whole = image[..., channel], np.maximum(base_color[..., channel], np.float32(_FAINT))
+        found[..., channel] = np.where(boundary, average(lit), average(lit / whole) * whole)
     return found
 
 
-def meetings(normal: NDArray[np.floating], metallic: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """[H, W] where two surfaces or a metal and something else lie within three by three pixels.
+def boundaries(normal: NDArray[np.floating], metallic: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """[H, W] True where two surfaces, or a metal and another material, lie within 3 x 3 pixels.
 
     Args:
-        normal: [H, W, 3] finite; 0 beyond the matte, so that its edge is a meeting too.
+        normal: [H, W, 3] finite; 0 outside the matte, so that its edge is a boundary too.
         metallic: [H, W].
     """
     bend = sum(_range(normal[..., axis]) ** 2 for axis in range(3))
@@ -84,12 +90,13 @@ def meetings(normal: NDArray[np.floating], metallic: NDArray[np.floating]) -> ND
 
 
 def _range(plane: NDArray[np.floating]) -> F32:
+    """Largest minus smallest value over 3 x 3 pixels, [H, W]."""
     plane, box = np.asarray(plane, dtype=np.float32), np.ones((3, 3), dtype=np.uint8)
     return np.asarray(cv2.dilate(plane, box) - cv2.erode(plane, box), dtype=np.float32)
 
 
 class _Average:
-    """Averages planes [H, W] by coverage [H, W]."""
+    """Filters planes [H, W] weighted by one coverage [H, W]."""
 
     def __init__(self, coverage: F32, side: float) -> None:
         self._weight, self._side = np.asarray(coverage, dtype=np.float32), side

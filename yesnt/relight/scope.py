@@ -65,7 +65,7 @@ def requirements(facts: SceneFacts, settings: RelightSettings) -> tuple[Requirem
         _shadow(facts, settings),
         _bounce(facts, settings),
         _capture(facts, settings),
-        _film(facts, settings),
+        _pixel_filter(facts, settings),
     )
 
 
@@ -156,16 +156,16 @@ def _capture(facts: SceneFacts, settings: RelightSettings) -> Requirement:
     return Requirement(name, True, "uniform: only occlusion and albedo matter" if even else "taken out of the plate")
 
 
-def _film(facts: SceneFacts, settings: RelightSettings) -> Requirement:
-    name = "film's width"
-    if settings.film == 0:
-        return Requirement(name, False, "switched off by `film`")
+def _pixel_filter(facts: SceneFacts, settings: RelightSettings) -> Requirement:
+    name = "pixel filter"
+    if settings.pixel_filter == 0:
+        return Requirement(name, False, "switched off by `pixel_filter`")
     if facts.short is None:
         return Requirement(name, True, "where normals are of unit length: read at pixel centres")
     found = f"{100 * facts.short:.1f} % of the first frame's normals are averages"
     if read_at_centres(facts.short):
-        return Requirement(name, True, f"{found}: light is computed at pixel centres and averaged as the plate is")
-    return Requirement(name, False, f"{found}: they bring it with them")
+        return Requirement(name, True, f"{found}: light is computed at pixel centres and averaged like the plate")
+    return Requirement(name, False, f"{found}: the G-buffer has been through the filter")
 
 
 def shadow_blur(light: PreparedLight) -> float:

@@ -13,7 +13,7 @@ from yesnt.relight import EnvMap, GBuffer, RelightSettings, shade
 
 SIDE = 40
 FRAMES = (1001, 1002)
-RELIGHT = {"texels": 128, "capture_texels": 64, "clusters": 16, "capture_clusters": 16, "bounce": 0, "film": 0.0}
+RELIGHT = {"texels": 128, "capture_texels": 64, "clusters": 16, "capture_clusters": 16, "bounce": 0, "pixel_filter": 0.0}
 """The truth, too, is light at pixel centres."""
 
 LOOK_ALONG_Y = [

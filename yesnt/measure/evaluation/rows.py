@@ -11,7 +11,7 @@ Source = Literal["plate", "own", "observed", "true", "constant", "own_constant",
 Group = Literal["table", "ladder", "separation"]
 
 FULL: Mapping[str, Any] = MappingProxyType({})
-PAPER = MappingProxyType({"base_color": "plate", "brdf": "paper", "bounce": 0, "edges": False, "film": 0.0})
+PAPER = MappingProxyType({"base_color": "plate", "brdf": "paper", "bounce": 0, "edges": False, "pixel_filter": 0.0})
 UNSHADOWED = MappingProxyType({"shadows": False, "bounce": 0})
 
 

@@ -19,7 +19,7 @@ from yesnt.relight.indirect import indirect_light
 from yesnt.relight.kernels import COLUMNS, LIT, sum_lobes
 from yesnt.relight.lights import PreparedLight, prepare_light
 from yesnt.relight.occlusion import Occluders, find_occluders, occlusion, single_factor
-from yesnt.relight.pixel_filter import filter_pixels, filter_light, boundaries, read_at_centres, short_normals
+from yesnt.relight.pixel_filter import boundaries, filter_light, filter_pixels, read_at_centres, short_normals
 from yesnt.relight.points import Pixels, Surface, gather_pixels
 from yesnt.relight.proxy import ProxyScene
 from yesnt.relight.settings import RelightSettings
@@ -164,7 +164,7 @@ def shade_pixels(
 
 
 def finish(relit: RelitFrame, guide: F32, surface: Surface, settings: RelightSettings) -> RelitFrame:
-    """Makes light at pixel centres like a plate's: resolves edges by the guide [H, W, 3], then applies the pixel filter."""
+    """Makes light at pixel centres like a plate's: resolves edges by the guide [H, W, 3], applies the pixel filter."""
     return finish_pixel_filter(finish_edges(relit, guide, surface, settings), surface, settings)
 
 

@@ -5,9 +5,9 @@ pixels). A G-buffer whose normals and depths have been through that filter has s
 G-buffer sampled at pixel centres has unit normals everywhere, and light computed from it is sharper than the plate.
 Then the light is filtered here, weighted by coverage, so that nothing outside the matte takes part.
 
-The plate's base colour has been through the filter already and would be blurred twice. So on one surface only the light
-that falls on it is filtered. Where surfaces or materials meet, a pixel of the plate mixes both, and the product of light
-and base colour is filtered. Source: docs/relight.md.
+The plate's base colour has been through the filter already and would be blurred twice. So on one surface only the
+light that falls on it is filtered. Where surfaces or materials meet, a pixel of the plate mixes both, and the product
+of light and base colour is filtered. Source: docs/relight.md.
 """
 
 from __future__ import annotations

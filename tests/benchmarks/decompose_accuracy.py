@@ -22,8 +22,8 @@ from scipy.stats import rankdata, spearmanr
 from yesnt.core.color import srgb_encode, straighten
 from yesnt.decompose.embedded import EmbeddedBackend
 from yesnt.decompose.ensemble import estimate_frame
+from yesnt.decompose.registry import EMBEDDED_WEIGHTS
 from yesnt.decompose.settings import EnsembleSettings
-from yesnt.decompose.weights import SHIPPED
 from yesnt.io.exr import read_image
 
 BINS = (0.0, 0.3, 0.45, 0.6, 0.75, 0.9, 1.01)
@@ -54,13 +54,13 @@ def sparsification(error, std):
 
 
 class Regression:
-    """The embedded estimator alone: what it predicts_mean, without a draw; a regression network of the same size."""
+    """The predicted mean alone, without samples: a regression network of the same size."""
 
     def __init__(self, backend):
         self._backend = backend
 
     def __getattr__(self, name):
-        if name == "predict_mean":  # then its mean would be mixed with itself
+        if name == "predict_mean":  # the sample mean is used, which here is the predicted mean
             raise AttributeError(name)
         return getattr(self._backend, name)
 
@@ -107,7 +107,7 @@ def main():
     parser.add_argument("--steps", type=int, default=2)
     parser.add_argument("--tolerance", type=float, default=0.0)
     parser.add_argument("--frames", type=int, default=4, help="how many, spread over the shot")
-    parser.add_argument("--weights", type=Path, default=SHIPPED)
+    parser.add_argument("--weights", type=Path, default=EMBEDDED_WEIGHTS)
     parser.add_argument("--picture", type=Path)
     options = parser.parse_args()
     torch.set_num_threads(1)

@@ -1,12 +1,12 @@
-"""The embedded model on shots with truth: errors against the share of trust, metal, and what the spread is worth.
+"""Errors of the embedded model on shots with ground truth, for several shrinkage factors of roughness.
 
 python tests/benchmarks/decompose_auxiliary.py FOLDER... [--weights FILE] [--samples 8] [--picture OUT.png]
 
-Each FOLDER holds plate.####.exr and truth/material.####.exr; its middle frame is judged, opacity above 0.99. Columns:
-the error of what is expected of roughness (before any draw) for every share of `embedded.SHRINKAGE_FACTOR`, and of the best
-constant of that shot; the metallic's area under the curve (nan where there is no metal, or nothing else); rank
-correlation of the ensemble's spread with its error, roughness and metallic. Last the root mean squares, the best single
-roughness for all, and the means of the rest.
+Each FOLDER holds plate.####.exr and truth/material.####.exr; its middle frame is evaluated where the opacity exceeds
+0.99. Columns: RMSE of the predicted mean roughness for every value of `embedded.SHRINKAGE_FACTOR`, and of the best
+constant of that shot; area under the curve of metallic (nan where there is only metal or none); rank correlation of
+the ensemble's spread with its error, for roughness and metallic. The last row pools the errors, states the best single
+roughness for all shots, and the means of the other columns.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from scipy.stats import spearmanr
 from yesnt.core.color import straighten
 from yesnt.decompose.embedded import PRIOR_ROUGHNESS, SHRINKAGE_FACTOR, EmbeddedBackend
 from yesnt.decompose.ensemble import estimate_frame
+from yesnt.decompose.registry import EMBEDDED_WEIGHTS
 from yesnt.decompose.settings import EnsembleSettings
-from yesnt.decompose.weights import SHIPPED
 from yesnt.io.exr import read_image
 
-SHARES = (0.0, 0.6, 0.7, 0.8, 0.9, 1.0)
+FACTORS = (0.0, 0.6, 0.7, 0.8, 0.9, 1.0)
 
 
 def middle(folder):
@@ -40,7 +40,7 @@ def middle(folder):
     return plate, plate[..., 3], truth, int(number)
 
 
-def judge(folder, backend, samples):
+def evaluate(folder, backend, samples):
     """Figures of a folder, its truth of roughness, and a picture of it."""
     plate, matte, truth, number = middle(folder)
     rgb, inside = straighten(plate[..., :3], matte), matte > 0.99
@@ -48,7 +48,7 @@ def judge(folder, backend, samples):
     drawn = estimate_frame(rgb, matte, backend, EnsembleSettings(samples), 0, number)
     rough, metal = truth[inside].T
     free = PRIOR_ROUGHNESS + (read[0][inside] - PRIOR_ROUGHNESS) / SHRINKAGE_FACTOR
-    figures = [rmse(PRIOR_ROUGHNESS + share * (free - PRIOR_ROUGHNESS) - rough) for share in SHARES]
+    figures = [rmse(PRIOR_ROUGHNESS + factor * (free - PRIOR_ROUGHNESS) - rough) for factor in FACTORS]
     figures += [rough.std(), area_under_curve(read[1][inside], metal > 0.5)]
     error = np.abs(drawn.mean[:, inside] - [rough, metal])
     figures += [spearmanr(drawn.std[p][inside], error[p]).statistic for p in (0, 1)]
@@ -58,7 +58,7 @@ def judge(folder, backend, samples):
 def summary(name, rows, roughness):
     """Root mean squares of the errors, means of the rest, and the error of one roughness for all."""
     rows = np.array(rows)
-    count = len(SHARES)
+    count = len(FACTORS)
     errors = np.sqrt(np.mean(rows[:, :count] ** 2, 0))
     best = np.mean([r.mean() for r in roughness])  # every shot counts alike
     constant = np.sqrt(np.mean([np.mean((r - best) ** 2) for r in roughness]))
@@ -72,16 +72,16 @@ def show(name, figures):
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folders", type=Path, nargs="+")
-    parser.add_argument("--weights", type=Path, default=SHIPPED)
+    parser.add_argument("--weights", type=Path, default=EMBEDDED_WEIGHTS)
     parser.add_argument("--samples", type=int, default=8)
     parser.add_argument("--picture", type=Path)
     options = parser.parse_args()
     torch.set_num_threads(1)
     backend, rows, truths = EmbeddedBackend(options.weights), [], []
-    titles = (*(f"{share:.1f}" for share in SHARES), "const", "auc", "rank r", "rank m")
-    print("share".ljust(22), *(title.rjust(7) for title in titles))
+    titles = (*(f"{factor:.1f}" for factor in FACTORS), "const", "auc", "rank r", "rank m")
+    print("factor".ljust(22), *(title.rjust(7) for title in titles))
     for folder in options.folders:
-        figures, rough, picture = judge(folder, backend, options.samples)
+        figures, rough, picture = evaluate(folder, backend, options.samples)
         rows.append(figures)
         truths.append(rough)
         show(folder.name, figures)

@@ -1,8 +1,8 @@
-"""Mean error of the embedded model by class of material, on pictures that no training has shown.
+"""Mean error of the embedded model by material class, on images that are not used for training.
 
-python tests/benchmarks/decompose_classes.py FOLDER [--people 20] [--things 40] [--weights FILE]
+python tests/benchmarks/decompose_classes.py FOLDER [--people 20] [--objects 40] [--weights FILE]
 
-People and things of seed 1 are made below FOLDER and kept there; bodies come from FOLDER/bodies (`make train` makes
+People and objects of seed 1 are rendered below FOLDER; bodies come from FOLDER/bodies (`make train` makes
 them) or from `.venv-anny`. The training's seed is 0, so these are other clothes, poses, shapes, cameras and lights; the
 24 bodies are the same. For each class: pixels, mean of the truth, mean error (estimate less truth; 0.05 is asked for),
 root mean square error, and root mean square of the spread; roughness first, then metallic.
@@ -19,28 +19,35 @@ import torch
 from yesnt.capture_stage.tools import anny_only
 from yesnt.decompose.embedded import EmbeddedBackend
 from yesnt.decompose.ensemble import estimate_frame
+from yesnt.decompose.registry import EMBEDDED_WEIGHTS
 from yesnt.decompose.settings import EnsembleSettings
-from yesnt.decompose.weights import SHIPPED
 from yesnt.training.bodies import make_bodies
-from yesnt.training.pictures import interleaved_people, make_object, make_person, object_path, open_views, person_path
+from yesnt.training.image_archive import (
+    interleaved_people,
+    make_object,
+    make_person,
+    object_path,
+    open_views,
+    person_path,
+)
 from yesnt.training.synthetic.materials import CLASSES
 
 SEED = 1
 
 
-def archive(folder, people, things):
-    """Files of the pictures, made if they are not there."""
+def archive(folder, people, objects):
+    """Archive files, rendered if they do not exist."""
     numbers = interleaved_people()[:people]
     if people:
         bodies = make_bodies(0, folder / "bodies", anny_only(folder))
         for number in numbers:
             make_person(folder, SEED, number, bodies)
-    for number in range(things):
+    for number in range(objects):
         make_object(folder, SEED, number)
-    return [person_path(folder, SEED, n) for n in numbers] + [object_path(folder, SEED, n) for n in range(things)]
+    return [person_path(folder, SEED, n) for n in numbers] + [object_path(folder, SEED, n) for n in range(objects)]
 
 
-def judged(path, backend, members):
+def evaluated(path, backend, members):
     """Of each view: class, error [2], truth [2] and squared spread [2] of the pixels wholly inside the matte."""
     for number, view in enumerate(open_views(path)):
         rgb, matte, truth = (np.asarray(plane, np.float32) for plane in (view.rgb, view.matte, view.truth))
@@ -55,14 +62,14 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--people", type=int, default=20)
-    parser.add_argument("--things", type=int, default=40)
-    parser.add_argument("--weights", type=Path, default=SHIPPED)
+    parser.add_argument("--objects", type=int, default=40)
+    parser.add_argument("--weights", type=Path, default=EMBEDDED_WEIGHTS)
     parser.add_argument("--samples", type=int, default=4)
     options = parser.parse_args()
     torch.set_num_threads(1)
     backend = EmbeddedBackend(options.weights)
-    found = [part for path in archive(options.folder, options.people, options.things)
-             for part in judged(path, backend, options.samples)]  # fmt: skip
+    found = [part for path in archive(options.folder, options.people, options.objects)
+             for part in evaluated(path, backend, options.samples)]  # fmt: skip
     kind, error, truth, square = (np.concatenate(planes, -1) for planes in zip(*found, strict=True))
     titles = ("truth", "mean error", "RMSE", "spread")
     print("class".ljust(18), "pixels".rjust(9), *(f"{plane} {t}".rjust(12) for plane in "rm" for t in titles))

@@ -1,9 +1,10 @@
-"""Does the estimator use what it was built for? Loss on pictures it never saw, whole and with each level silenced.
+"""Validation loss of the estimator, whole and with single levels zeroed: does every part of it contribute?
 
 python tests/benchmarks/decompose_estimator.py CHECKPOINT [--pictures 100]
 
-A healthy estimator loses when the coarse levels are silenced, and no level is louder than a few tens. A learning rate of
-4e-3 once drove the coarse levels to a standard deviation of several hundred: silencing them then changed nothing.
+The loss of a healthy estimator rises when coarse levels are zeroed, and the standard deviation of every level is below
+a few tens. A learning rate of 4e-3 once raised that of the coarse levels to several hundred; zeroing them then changed
+nothing.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from yesnt.training.synthetic.materials import CLASSES
 SEED = 1_000_007
 """Of the pictures; training's own seed is 0."""
 
-SILENCED = (
+ZEROED = (
     "skips.0.coarse",
     "skips.1.coarse",
     "skips.2.coarse",
@@ -43,10 +44,10 @@ def figures(estimator, classes, patches):
         )
         with torch.no_grad():
             read = estimator(rgb, matte, ContextBatch(whole, place))
-            told = classes(read)
-        losses.append(float(estimator_loss(read, told, 2 * truth - 1, kind, matte)))
+            scores = classes(read)
+        losses.append(float(estimator_loss(read, scores, 2 * truth - 1, kind, matte)))
         inside = F.avg_pool2d(matte, 2)[:, 0] > 0.99
-        hits.append(float((told.argmax(1) == kind[:, ::2, ::2])[inside].float().mean()))
+        hits.append(float((scores.argmax(1) == kind[:, ::2, ::2])[inside].float().mean()))
         clean = F.avg_pool2d(truth[:, :1], 2)[:, 0][inside]
         squares.append(float(((read[:, 0] + 1) / 2)[inside].sub(clean).square().mean()))
         variances.append(clean)
@@ -69,17 +70,17 @@ def main():
     print(f"step {state['step']}: loss {loss:.3f}, class accuracy {accuracy:.3f}")
     print(f"roughness: RMSE of the regression {error:.4f}, of the best constant {constant:.4f}")
     modules = dict(estimator.named_modules())
-    for name in SILENCED:
+    for name in ZEROED:
         layer = modules[name]
         kept = layer.weight.detach().clone()
         layer.weight.data.zero_()
         print(f"without {name:14s} {figures(estimator, classes, patches)[0] / loss:.3f} of the loss")
         layer.weight.data.copy_(kept)
-    loud = {}
+    deviations = {}
     for name in ("levels.0", "levels.1", "levels.2", "levels.3"):
-        modules[name].register_forward_hook(lambda _, __, out, name=name: loud.update({name: float(out.std())}))
+        modules[name].register_forward_hook(lambda _, __, out, name=name: deviations.update({name: float(out.std())}))
     figures(estimator, classes, Patches(*(p[:8] for p in patches.planes())))
-    print("standard deviation of the levels:", ", ".join(f"{name} {value:.1f}" for name, value in loud.items()))
+    print("standard deviation of the levels:", ", ".join(f"{name} {value:.1f}" for name, value in deviations.items()))
 
 
 if __name__ == "__main__":

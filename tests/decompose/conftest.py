@@ -1,24 +1,19 @@
-"""Backends without a network, for the laws of blending and sampling."""
+"""Backends without a network, for tests of blending and sampling."""
 
 import pytest
 import torch
 
-from yesnt.decompose.backend import Licence
 from yesnt.decompose.global_context import CONTEXT_SIDE, ContextBatch
 
 
 class FakeBackend:
-    """roughness = mix of the picture and the noise, metallic = the matte."""
+    """Roughness is the red channel plus noise, metallic is the matte."""
 
-    name = "fake"
-    version = "1"
-    licence = Licence("Apache-2.0", commercial=True)
     patch = 32
     align = 1
     batch = 4
     noise_sigmas = (0.0, 6.0)
     nfe = 1
-    weights_digest = "0"
 
     def __init__(self, noise_gain=0.1, batch=4, patch=32):
         self.noise_gain, self.batch, self.patch = noise_gain, batch, patch
@@ -38,13 +33,13 @@ class FakeBackend:
 
 @pytest.fixture
 def fake():
-    """The class, so that a test can choose its parameters or refine it."""
+    """The class, so that a test can choose its parameters or derive from it."""
     return FakeBackend
 
 
 @pytest.fixture
 def context():
-    """`context(rows)`: patches that are the whole of a random subject."""
+    """`context(rows)`: patches that cover the whole of a random subject."""
 
     def make(rows):
         picture = torch.rand(rows, 4, CONTEXT_SIDE, CONTEXT_SIDE, generator=torch.Generator().manual_seed(1))

@@ -123,14 +123,14 @@ def test_a_member_is_the_same_alone_and_among_others(checkout, clip):
     assert all(0 <= seed < 2**31 for seed in seeds)
 
 
-def test_pickles_and_foreign_code_need_a_word(checkout):
+def test_pickles_and_the_interpreter_must_be_allowed_explicitly(checkout):
     with pytest.raises(JobError, match="allow_pickle: true"):
         CosmosBackend(checkout, python=sys.executable)
     with pytest.raises(JobError, match="python"):
         CosmosBackend(checkout, allow_pickle=True)
 
 
-def test_a_failing_process_tells_what_it_said(checkout, clip):
+def test_the_error_of_a_failed_process_holds_its_stderr(checkout, clip):
     (checkout / INFERENCE / "diffusion_renderer_pipeline.py").write_text("raise RuntimeError('no CUDA device')")
     with pytest.raises(YesntError, match="no CUDA device"):
         next(open_it(checkout).draw(clip, 0, (0,), EnsembleSettings(1)))

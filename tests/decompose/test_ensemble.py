@@ -6,7 +6,8 @@ import torch
 
 from yesnt.decompose import ensemble
 from yesnt.decompose.blend import PatchGrid
-from yesnt.decompose.ensemble import confidence, decompose_frame, estimate_frame
+from yesnt.decompose.confidence import confidence
+from yesnt.decompose.ensemble import decompose_frame, estimate_frame
 from yesnt.decompose.noise_planes import member_noise
 from yesnt.decompose.settings import EnsembleSettings
 
@@ -128,7 +129,7 @@ def test_tolerance_zero_is_the_fixed_ensemble_and_a_tiny_one_reaches_all_members
     assert tiny.total_nfe == fixed.total_nfe
 
 
-def test_sampling_stops_where_the_answer_is_known(fake, picture):
+def test_sampling_stops_where_the_mean_has_converged(fake, picture):
     rgb, matte = picture
     matte = np.ones_like(matte)
     certain = np.where(np.arange(70)[None, :, None] < 35, 0.0, 0.5).astype(np.float32) * np.ones_like(rgb)
@@ -189,7 +190,7 @@ def test_results_are_plain_float32(fake, picture):
     assert torch.is_grad_enabled()
 
 
-def test_what_a_backend_expects_is_the_mean_and_the_members_tell_the_spread(fake, picture):
+def test_a_predicted_mean_replaces_the_sample_mean_and_members_give_the_spread(fake, picture):
     class Knowing(fake):
         def predict_mean(self, condition):
             return torch.cat([0 * condition[:, :1] + 0.25, condition[:, 1:]], 1)
@@ -203,7 +204,7 @@ def test_what_a_backend_expects_is_the_mean_and_the_members_tell_the_spread(fake
         assert known.total_nfe == drawn.total_nfe
 
 
-def test_what_is_expected_lets_sampling_stop_sooner(fake, picture):
+def test_a_predicted_mean_lets_sampling_stop_sooner(fake, picture):
     class Knowing(fake):
         def predict_mean(self, condition):
             return condition

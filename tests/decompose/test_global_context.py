@@ -3,7 +3,7 @@ import pytest
 import torch
 
 from yesnt.decompose.global_context import CONTEXT_SIDE, Square, context_image
-from yesnt.decompose.network import at_patch
+from yesnt.decompose.network import sample_at_patch
 
 
 def _subject(scale=1.0):
@@ -33,7 +33,7 @@ def test_specks_do_not_shrink_the_subject():
     assert Square.around(speckled).side == pytest.approx(Square.around(matte).side, abs=2)
 
 
-def test_an_empty_matte_gives_a_black_picture():
+def test_an_empty_matte_gives_a_black_image():
     matte = np.zeros((40, 70), np.float32)
     small = context_image(np.zeros((3, 40, 70), np.float32), matte, Square.around(matte))
     assert small.shape == (4, CONTEXT_SIDE, CONTEXT_SIDE)
@@ -41,7 +41,7 @@ def test_an_empty_matte_gives_a_black_picture():
 
 
 @pytest.mark.parametrize("scale", [0.3, 1, 4])
-def test_the_small_picture_keeps_straight_colours_at_any_size(scale):
+def test_the_context_image_keeps_straight_colours_at_any_size(scale):
     rgb, matte = _subject(scale)
     square = Square.around(matte)
     small = context_image(rgb, matte, square)
@@ -53,21 +53,21 @@ def test_the_small_picture_keeps_straight_colours_at_any_size(scale):
     assert middle[3] == pytest.approx(1)
 
 
-def test_a_patch_is_told_of_its_own_place():
-    """Sampling the small picture's own coordinates at a patch gives the patch's coordinates, for any two patches."""
+def test_features_are_sampled_at_the_location_of_the_patch():
+    """Sampling the context image's own coordinates at a patch gives the patch's coordinates, for any two patches."""
     _, matte = _subject()
     square = Square.around(matte)
     ramp = (torch.arange(24) + 0.5) / 24
     features = torch.stack([ramp[:, None].expand(24, 24), ramp[None].expand(24, 24)])[None]
     for top, left in ((100, 70), (116, 54)):
         place = torch.tensor([square.locate(top, left, 32)])
-        told = at_patch(features, place, 8)[0].numpy() * square.side
+        sampled = sample_at_patch(features, place, 8)[0].numpy() * square.side
         pixels = np.arange(8) * 4 + 2
-        np.testing.assert_allclose(told[0], np.broadcast_to((top + pixels - square.top)[:, None], (8, 8)), atol=1e-3)
-        np.testing.assert_allclose(told[1], np.broadcast_to(left + pixels - square.left, (8, 8)), atol=1e-3)
+        np.testing.assert_allclose(sampled[0], np.broadcast_to((top + pixels - square.top)[:, None], (8, 8)), atol=1e-3)
+        np.testing.assert_allclose(sampled[1], np.broadcast_to(left + pixels - square.left, (8, 8)), atol=1e-3)
 
 
-def test_beyond_the_subject_the_nearest_is_told():
+def test_beyond_the_square_the_nearest_feature_is_used():
     features = torch.arange(4.0).reshape(1, 1, 2, 2)
-    told = at_patch(features, torch.tensor([[-3.0, -3.0, 1.0]]), 2)
-    assert (told == 0).all()
+    sampled = sample_at_patch(features, torch.tensor([[-3.0, -3.0, 1.0]]), 2)
+    assert (sampled == 0).all()

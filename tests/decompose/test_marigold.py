@@ -5,9 +5,11 @@ import numpy as np
 import pytest
 import torch
 
+from yesnt.core.color import srgb_encode
 from yesnt.core.errors import JobError
 from yesnt.decompose.checkpoint import Published
 from yesnt.decompose.ensemble import decompose_frame
+from yesnt.decompose.latents import encode_srgb, latent_noise, precision_named
 from yesnt.decompose.published import MARIGOLD
 from yesnt.decompose.registry import open_backend
 from yesnt.decompose.settings import EnsembleSettings
@@ -63,7 +65,6 @@ def test_a_frame_of_several_patches_is_keyed_and_repeatable(checkpoint):
     assert (runs[0][0] != runs[2][0]).any()
     assert runs[0][1].mean() > 1e-4
     assert backend.align == 8
-    assert len(backend.weights_digest) == 64
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -77,6 +78,27 @@ def test_other_checkpoints_of_the_family_are_refused(checkpoint, tmp_path):
     (lighting / "model_index.json").write_text(json.dumps(index))
     with pytest.raises(JobError, match="appearance checkpoint"):
         open_backend("marigold", lighting)
+
+
+def test_srgb_is_the_project_s_curve_and_clips():
+    linear = torch.linspace(-0.2, 1.2, 3 * 40).reshape(1, 3, 5, 8)
+    expected = srgb_encode(linear.clamp(0, 1).numpy())
+    np.testing.assert_allclose(encode_srgb(linear).numpy(), expected, atol=1e-6)
+
+
+def test_precision_is_half_on_cuda_single_elsewhere_or_as_named():
+    assert precision_named("auto", "cuda") is torch.float16
+    assert precision_named("auto", "cpu") is torch.float32
+    assert precision_named("bfloat16", "cpu") is torch.bfloat16
+    with pytest.raises(JobError, match=r"no precision 'half'.*auto, float32, float16, bfloat16"):
+        precision_named("half", "cpu")
+
+
+def test_latent_noise_keeps_unit_variance_and_is_the_same_in_every_crop():
+    noise = torch.randn(1, 2, 128, 128, generator=torch.Generator().manual_seed(0))
+    latent = latent_noise(noise, 8)
+    assert float(latent.var()) == pytest.approx(1, abs=0.15)
+    torch.testing.assert_close(latent_noise(noise[..., 32:96, 16:80], 8), latent[..., 4:12, 2:10], atol=0, rtol=0)
 
 
 def test_absent_files_are_named_with_their_source(tmp_path):

@@ -1,10 +1,10 @@
-"""A keyframe's estimate carried along the flow: laws of the carrying, of the joining, and of what is drawn."""
+"""Reuse of a keyframe's estimate: laws of the propagation, of the combination, and of what is drawn."""
 
 import numpy as np
 import pytest
 
 from yesnt.decompose.ensemble import estimate_frame
-from yesnt.decompose.reuse import Link, Prior, join, propagate_keyframe
+from yesnt.decompose.reuse import Link, Prior, combine, propagate_keyframe
 from yesnt.decompose.settings import EnsembleSettings, keyframe_after
 
 SETTINGS = EnsembleSettings(4)
@@ -43,7 +43,7 @@ def test_halves_of_a_pixel_are_interpolated(estimate):
     np.testing.assert_allclose(prior.mean[:, :, :-1], (mean[:, :, :-1] + mean[:, :, 1:]) / 2, atol=1e-6)
 
 
-def test_weak_links_doubt_and_lost_matte_make_a_pixel_unknown(estimate):
+def test_invalid_flow_low_confidence_and_missing_matte_make_a_pixel_unknown(estimate):
     mean, std = estimate
     whole = np.ones((24, 30), bool)
     still = [moving((24, 30), 0, 0, 0.7)] * 2
@@ -61,35 +61,35 @@ def test_weak_links_doubt_and_lost_matte_make_a_pixel_unknown(estimate):
     assert middle_lost[15:].all()
 
 
-def test_joining_with_nothing_drawn_or_nothing_known_keeps_the_other(estimate):
+def test_combining_with_nothing_drawn_or_nothing_known_keeps_the_other(estimate):
     mean, std = estimate
     matte, none, all_ = np.ones((24, 30), np.float32), np.zeros((24, 30), bool), np.ones((24, 30), bool)
     empty = Prior(np.zeros_like(mean), np.zeros_like(std), none)
     known = Prior(mean, std, all_)
     for drawn, share, prior in ((empty, none, known), (known, all_, empty), (known, all_, known)):
-        joined = join(drawn, share.astype(np.float32), prior, matte)
-        np.testing.assert_allclose(joined.mean, mean, atol=1e-6)
-        np.testing.assert_allclose(joined.std, std, atol=1e-6)
+        combined = combine(drawn, share.astype(np.float32), prior, matte)
+        np.testing.assert_allclose(combined.mean, mean, atol=1e-6)
+        np.testing.assert_allclose(combined.std, std, atol=1e-6)
 
 
-def test_disagreement_is_doubt_and_the_unknown_weighs_nothing(estimate):
+def test_disagreement_increases_the_spread_and_unknown_pixels_have_the_largest(estimate):
     mean, std = estimate
     matte = np.ones((24, 30), np.float32)
     half = np.full((24, 30), 0.5, np.float32)
     drawn = Prior(np.full_like(mean, 0.2), np.zeros_like(std), np.ones((24, 30), bool))
     prior = Prior(np.full_like(mean, 0.6), np.zeros_like(std), np.ones((24, 30), bool))
-    joined = join(drawn, half, prior, matte)
-    np.testing.assert_allclose(joined.mean, 0.4, atol=1e-6)
-    np.testing.assert_allclose(joined.std, 0.2, atol=1e-6)
+    combined = combine(drawn, half, prior, matte)
+    np.testing.assert_allclose(combined.mean, 0.4, atol=1e-6)
+    np.testing.assert_allclose(combined.std, 0.2, atol=1e-6)
     hole = prior.known.copy()
     hole[3:6, 3:6] = False
-    filled = join(drawn, 0 * half, Prior(prior.mean * hole, prior.std, hole), matte)
+    filled = combine(drawn, 0 * half, Prior(prior.mean * hole, prior.std, hole), matte)
     np.testing.assert_allclose(filled.mean, 0.6, atol=1e-6)
     np.testing.assert_allclose(filled.std[:, 3:6, 3:6], 0.5)
     assert not filled.known[3:6, 3:6].any()
 
 
-def test_only_what_the_keyframe_cannot_tell_is_drawn(fake):
+def test_only_patches_that_the_keyframe_does_not_cover_are_drawn(fake):
     rng = np.random.default_rng(1)
     rgb = rng.random((96, 128, 3), dtype=np.float32)
     matte = np.ones((96, 128), np.float32)
@@ -112,9 +112,9 @@ def test_the_soft_edge_of_the_matte_costs_no_draw(fake):
     matte[20:40, 20:40] = 0.3
     matte[22:38, 22:38] = 1
     prior = Prior(np.full((2, 64, 64), 0.5, np.float32), np.zeros((2, 64, 64), np.float32), matte > 0.5)
-    joined = estimate_frame(rgb, matte, fake(), SETTINGS, 0, 1, prior)
-    assert joined.total_nfe == 0
-    np.testing.assert_allclose(joined.mean[:, matte > 0], 0.5)
+    combined = estimate_frame(rgb, matte, fake(), SETTINGS, 0, 1, prior)
+    assert combined.total_nfe == 0
+    np.testing.assert_allclose(combined.mean[:, matte > 0], 0.5)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""The weights in the package: what the embedded shot's truth says of them."""
+"""The weights in the package, evaluated on the ground truth of the embedded shot."""
 
 from pathlib import Path
 
@@ -11,15 +11,15 @@ from yesnt.core.color import straighten
 from yesnt.decompose.auxiliary import AUXILIARY_INPUT_SIDE
 from yesnt.decompose.embedded import EmbeddedBackend
 from yesnt.decompose.ensemble import estimate_frame
+from yesnt.decompose.registry import EMBEDDED_WEIGHTS
 from yesnt.decompose.settings import EnsembleSettings
-from yesnt.decompose.weights import SHIPPED
 from yesnt.io.exr import read_image
 
 SHOT = Path(__file__).parents[2] / "yesnt" / "data" / "shot"
 
 
 @pytest.fixture(scope="module")
-def judged():
+def evaluated():
     """Truth, mean and std [2, n] inside the matte of a middle frame."""
     plates = sorted(SHOT.rglob("plate.*.exr"))
     path = plates[len(plates) // 2]
@@ -34,10 +34,10 @@ def judged():
 
 
 def test_weights_are_small():
-    assert SHIPPED.stat().st_size <= 10 << 20
+    assert EMBEDDED_WEIGHTS.stat().st_size <= 10 << 20
 
 
-def test_they_hold_a_second_opinion():
+def test_they_hold_an_auxiliary_predictor():
     assert EmbeddedBackend().auxiliary_side == AUXILIARY_INPUT_SIDE
 
 
@@ -50,29 +50,29 @@ def test_threads_do_not_change_a_bit(context):
     try:
         for number in (1, 2):
             torch.set_num_threads(number)
-            told = context(8)._replace(auxiliary=backend.predict_auxiliary(whole).expand(8, -1, -1, -1))
-            draws.append(backend.sample(backend.encode(rgb, matte, told), noise))
+            placed = context(8)._replace(auxiliary=backend.predict_auxiliary(whole).expand(8, -1, -1, -1))
+            draws.append(backend.sample(backend.encode(rgb, matte, placed), noise))
     finally:
         torch.set_num_threads(threads)
     assert torch.equal(*draws)
 
 
-def test_roughness_beats_the_best_constant(judged):
-    truth, mean, _ = judged
+def test_roughness_beats_the_best_constant(evaluated):
+    truth, mean, _ = evaluated
     error = np.sqrt(np.mean((mean[0] - truth[0]) ** 2))
     assert error < 0.985 * truth[0].std()
 
 
-def test_metal_is_told_from_the_rest(judged):
-    truth, mean, _ = judged
+def test_metal_is_distinguished_from_the_rest(evaluated):
+    truth, mean, _ = evaluated
     metal = truth[1] > 0.5
     assert mean[1][metal].mean() > 2 * mean[1][~metal].mean()
     ranks = mannwhitneyu(mean[1][metal], mean[1][~metal]).statistic
     assert ranks / (metal.sum() * (~metal).sum()) > 0.9  # area under the curve
 
 
-def test_spread_is_larger_where_the_error_is(judged):
-    truth, mean, std = judged
+def test_spread_is_larger_where_the_error_is(evaluated):
+    truth, mean, std = evaluated
     roughness, metallic = (spearmanr(std[plane], np.abs(mean - truth)[plane]).statistic for plane in (0, 1))
     assert roughness > 0.1
     assert metallic > 0.5

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from yesnt.decompose.backend import Footprint, Licence
+from yesnt.decompose.backend import Footprint
 from yesnt.decompose.settings import EnsembleSettings
 from yesnt.decompose.window import blend, estimate_clip, make_clip, plan_windows
 
@@ -13,7 +13,6 @@ from yesnt.decompose.window import blend, estimate_clip, make_clip, plan_windows
 class FakeVideo:
     """roughness = the mean colour of the clip plus noise of the member, metallic = the matte."""
 
-    name, licence, weights_digest = "fake", Licence("Apache-2.0", commercial=True), "0"
     footprint = Footprint(None, 1, 3, 4, 1)
 
     def __init__(self, gain=0.1):

@@ -1,4 +1,4 @@
-"""Training of the second opinion, on pictures small enough for a test."""
+"""Training of the auxiliary predictor, on images small enough for a test."""
 
 import sys
 from dataclasses import replace
@@ -25,8 +25,8 @@ from yesnt.training.feature_archive import (
     open_samples,
     subjects,
 )
-from yesnt.training.pictures import make_object, object_path
-from yesnt.training.synthetic.dataset import draw_picture
+from yesnt.training.image_archive import make_object, object_path
+from yesnt.training.synthetic.dataset import draw_image
 from yesnt.training.weighting import WeightingSettings, WeightingTrainer, train_weighting, with_auxiliary
 
 TINY = NetworkShape(widths=(8, 8, 16), depths=(1, 1, 1), condition=8, denoiser=(8, 8))
@@ -35,7 +35,7 @@ WEIGHTING = WeightingSettings(steps=2, batch=2, patch=32)
 
 
 def state_of(backbone):
-    """A published state whose norms do something, and the function it stands for."""
+    """A published state dict whose norms are not the identity."""
     generator, state = torch.Generator().manual_seed(3), {}
     names = [("_conv_stem", "_bn0", backbone.stem)]
     for n, block in enumerate(backbone.blocks()):
@@ -52,8 +52,8 @@ def state_of(backbone):
     return state
 
 
-def places(rows=600):
-    """Features of which two tell the material."""
+def feature_samples(rows=600):
+    """Features of which two determine the material."""
     rng = np.random.default_rng(0)
     features = rng.normal(1, 2, (rows, 496)).astype(np.float16)
     truth = 1 / (1 + np.exp(-features[:, :2].astype(np.float32)))
@@ -86,7 +86,7 @@ def test_norms_are_folded_into_the_convolutions():
         torch.testing.assert_close(folded.stem(seen), normed, atol=1e-5, rtol=1e-4)
 
 
-def test_a_missing_or_another_package_is_told(tmp_path, monkeypatch):
+def test_a_missing_or_another_package_is_refused(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, published.PACKAGE, None)
     with pytest.raises(MissingPartError, match=r"yesnt\[train\]"):
         published.published_backbone()
@@ -99,47 +99,47 @@ def test_a_missing_or_another_package_is_told(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_a_survey_shows_the_subject_and_its_truth_at_the_same_places(seed):
+def test_an_example_shows_the_subject_and_its_truth_at_the_same_locations(seed):
     rng = np.random.default_rng(seed)
-    survey = draw_example(rng, draw_picture(rng, 144))
-    assert survey.picture.shape == (4, AUXILIARY_INPUT_SIDE, AUXILIARY_INPUT_SIDE)
-    assert survey.truth.shape == (3, AUXILIARY_OUTPUT_SIDE, AUXILIARY_OUTPUT_SIDE)
-    cover = survey.picture[3].reshape(AUXILIARY_OUTPUT_SIDE, 4, AUXILIARY_OUTPUT_SIDE, 4).mean((1, 3))
-    assert np.abs(cover - survey.truth[2]).mean() < 0.02
-    assert ((survey.kind >= 0) == (survey.truth[2] > 0.5)).mean() > 0.97
+    example = draw_example(rng, draw_image(rng, 144))
+    assert example.image.shape == (4, AUXILIARY_INPUT_SIDE, AUXILIARY_INPUT_SIDE)
+    assert example.truth.shape == (3, AUXILIARY_OUTPUT_SIDE, AUXILIARY_OUTPUT_SIDE)
+    cover = example.image[3].reshape(AUXILIARY_OUTPUT_SIDE, 4, AUXILIARY_OUTPUT_SIDE, 4).mean((1, 3))
+    assert np.abs(cover - example.truth[2]).mean() < 0.02
+    assert ((example.kind >= 0) == (example.truth[2] > 0.5)).mean() > 0.97
 
 
-def test_features_are_kept_of_places_inside():
+def test_features_are_stored_of_locations_inside_the_matte():
     rng = np.random.default_rng(0)
-    backbone, survey = published.fold(state_of(Backbone())), draw_example(rng, draw_picture(rng, 144))
-    told = extract_features(backbone, survey, rng)
-    assert told.features.shape == (SAMPLES_PER_EXAMPLE, 496)
-    assert (told.kind >= 0).all()
+    backbone, example = published.fold(state_of(Backbone())), draw_example(rng, draw_image(rng, 144))
+    found = extract_features(backbone, example, rng)
+    assert found.features.shape == (SAMPLES_PER_EXAMPLE, 496)
+    assert (found.kind >= 0).all()
     with torch.no_grad():
-        finest = backbone(display_encode(torch.from_numpy(survey.picture)[None]))[0][0].flatten(1).numpy()
-    rows = (told.features[:5, None, :24].astype(np.float32) - finest.T[None]) ** 2
+        finest = backbone(display_encode(torch.from_numpy(example.image)[None]))[0][0].flatten(1).numpy()
+    rows = (found.features[:5, None, :24].astype(np.float32) - finest.T[None]) ** 2
     assert rows.sum(-1).min(1).max() < 1e-2
 
 
-def test_subjects_kept_back_are_no_others(tmp_path):
-    learnt, kept = subjects(tmp_path, 0, 20, 10)
-    assert len(learnt) == 24
-    assert len(kept) == 6
-    assert not set(learnt) & set(kept)
-    assert {path.parent.name for path in kept} == {"people.0", "things.0"}
+def test_held_out_subjects_are_not_trained_on(tmp_path):
+    training_files, held_out = subjects(tmp_path, 0, 20, 10)
+    assert len(training_files) == 24
+    assert len(held_out) == 6
+    assert not set(training_files) & set(held_out)
+    assert {path.parent.name for path in held_out} == {"people.0", "objects.0"}
 
 
 def test_the_perceptron_learns_and_its_convolutions_say_the_same():
-    told = places()
-    perceptron = train_perceptron(QUICK, told)
-    assert errors(perceptron, told)[0] < 0.7 * told.truth[:, 0].std()
+    found = feature_samples()
+    perceptron = train_perceptron(QUICK, found)
+    assert errors(perceptron, found)[0] < 0.7 * found.truth[:, 0].std()
     assert all(
         torch.equal(a, b)
         for a, b in zip(
-            perceptron.state_dict().values(), train_perceptron(QUICK, told).state_dict().values(), strict=True
+            perceptron.state_dict().values(), train_perceptron(QUICK, found).state_dict().values(), strict=True
         )
     )
-    auxiliary, features = perceptron.auxiliary(Backbone()), torch.from_numpy(told.features[:4]).float()
+    auxiliary, features = perceptron.predictor(Backbone()), torch.from_numpy(found.features[:4]).float()
     parts = torch.split(features, [level.in_channels for level in auxiliary.projections], 1)
     with torch.no_grad():
         first = sum(level(x[..., None, None]) for level, x in zip(auxiliary.projections, parts, strict=True))
@@ -147,20 +147,20 @@ def test_the_perceptron_learns_and_its_convolutions_say_the_same():
         torch.testing.assert_close(said[:, :, 0, 0], perceptron(features)[:, :2], atol=1e-3, rtol=1e-3)
 
 
-def test_an_opinion_is_made_once_and_from_kept_features(archive, monkeypatch):
+def test_the_predictor_is_trained_once_and_from_stored_features(archive, monkeypatch):
     monkeypatch.setattr(training, "published_backbone", lambda: published.fold(state_of(Backbone())))
-    learnt, kept = subjects(archive, 0, 0, 5)
-    first = make_auxiliary(archive, QUICK, learnt, kept)
-    features = sorted((archive / "places.0").iterdir())
+    training_files, held_out = subjects(archive, 0, 0, 5)
+    first = make_auxiliary(archive, QUICK, training_files, held_out)
+    features = sorted((archive / "features.0").iterdir())
     assert len(features) == 5
     assert len(open_samples(features).kind) > 500
     monkeypatch.setattr(training, "train_perceptron", None)
-    second = make_auxiliary(archive, QUICK, learnt, kept)
+    second = make_auxiliary(archive, QUICK, training_files, held_out)
     for a, b in zip(first.state_dict().values(), second.state_dict().values(), strict=True):
         assert torch.equal(a, b)
 
 
-def test_a_network_that_is_given_an_opinion_draws_as_before_until_it_learns():
+def test_a_joined_network_samples_as_before_until_it_is_trained():
     torch.manual_seed(1)
     network = Network(TINY)
     joined = with_auxiliary(network, auxiliary_predictor())
@@ -172,7 +172,7 @@ def test_a_network_that_is_given_an_opinion_draws_as_before_until_it_learns():
     torch.testing.assert_close(*draws)
 
 
-def test_weighing_resumed_is_weighing_uninterrupted(archive, tmp_path):
+def test_resumed_weighting_equals_uninterrupted_weighting(archive, tmp_path):
     paths = [object_path(archive, 0, number) for number in range(2)]
 
     def trainer():
@@ -196,7 +196,7 @@ def test_weighing_resumed_is_weighing_uninterrupted(archive, tmp_path):
     assert load_weights(tmp_path / "embedded.safetensors")[0].shape.auxiliary == (16, 8)
 
 
-def test_the_command_gives_ready_weights_a_second_opinion(archive, tmp_path, monkeypatch):
+def test_the_command_adds_an_auxiliary_predictor_to_given_weights(archive, tmp_path, monkeypatch):
     torch.manual_seed(1)
     save_weights(Network(TINY), tmp_path / "base.safetensors")
     monkeypatch.setattr(command, "make_auxiliary", lambda *_: auxiliary_predictor())

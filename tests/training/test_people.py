@@ -5,8 +5,7 @@ from tests.training.puppet import puppet
 from yesnt.capture_stage.garments import athlete, courtier, explorer, performer
 from yesnt.training.bodies import PHENOTYPE, draw_phenotype, draw_pose
 from yesnt.training.garments import draw_garments
-from yesnt.training.people import HEIGHT, WIDTH, draw_person, render_person
-from yesnt.training.pictures import (
+from yesnt.training.image_archive import (
     PEOPLE,
     STYLE_GROUPS,
     VIEWS,
@@ -16,6 +15,7 @@ from yesnt.training.pictures import (
     person_path,
     style_of,
 )
+from yesnt.training.people import HEIGHT, WIDTH, draw_person, render_person
 from yesnt.training.synthetic.materials import CLASSES
 
 
@@ -52,47 +52,47 @@ def test_everybody_has_skin_and_every_garment_a_material():
         garments = draw_garments(np.random.default_rng(seed))
         assert garments.layers[0].name == "skin"
         assert garments.layers[0].where == ()
-        assert len(garments.materials()) == len(garments.coat())
+        assert len(garments.materials()) == len(garments.frozen_layers())
         assert ((garments.materials()["roughness"] > 0) & (garments.materials()["roughness"] <= 1)).all()
         metals += int((garments.materials()["metallic"] == 1).any())
     assert 15 < metals < 60
 
 
 def test_no_garment_of_the_stage_is_drawn():
-    """FeatureSamples are drawn from intervals: only what the body itself decides lies where a measured subject has it."""
+    """Regions are drawn from intervals: only those that the body determines equal a region of a measured subject."""
     measured = {layer.where for coat in (athlete, courtier, explorer, performer) for layer in coat() if layer.where}
     drawn = [layer for seed in range(200) for layer in draw_garments(np.random.default_rng(seed)).layers]
     assert {layer.name for layer in drawn if layer.where in measured} <= {"lips", "eyes", "collar", "toe caps"}
 
 
-def test_pictures_are_plausible(views):
-    person, pictures = views
-    for picture in pictures:
-        assert picture.rgb.shape == (3, HEIGHT, WIDTH)
-        inside = picture.matte > 0
+def test_images_are_plausible(views):
+    person, images = views
+    for image in images:
+        assert image.rgb.shape == (3, HEIGHT, WIDTH)
+        inside = image.matte > 0
         assert 0.02 < inside.mean() < 1
-        assert np.isfinite(picture.rgb).all()
-        assert (picture.rgb >= 0).all()
-        assert (picture.rgb[:, ~inside] == 0).all()
-        assert (picture.kind[inside] >= 0).all()
-        assert (picture.kind[~inside] == -1).all()
-        roughness, metallic = picture.truth[:, inside]
+        assert np.isfinite(image.rgb).all()
+        assert (image.rgb >= 0).all()
+        assert (image.rgb[:, ~inside] == 0).all()
+        assert (image.kind[inside] >= 0).all()
+        assert (image.kind[~inside] == -1).all()
+        roughness, metallic = image.truth[:, inside]
         assert (roughness >= 0.02).all()
         assert (roughness <= 1).all()
         assert set(np.unique(metallic)) <= {0, 1}
     worn = {list(CLASSES)[kind] for kind in person.garments.materials()["kind"]}
-    shown = {list(CLASSES)[k] for picture in pictures for k in np.unique(picture.kind) if k >= 0}
+    shown = {list(CLASSES)[k] for image in images for k in np.unique(image.kind) if k >= 0}
     assert shown <= worn
 
 
 def test_a_plate_is_no_brighter_than_its_light_allows(views):
     """Mean radiance of the light is 1: a surface that only reflects stays near or below its brightest panels."""
-    _, pictures = views
-    assert all(np.median(picture.rgb[:, picture.matte == 1]) < 1.2 for picture in pictures)
+    _, images = views
+    assert all(np.median(image.rgb[:, image.matte == 1]) < 1.2 for image in images)
 
 
 def test_an_archive_is_made_once_and_is_a_function_of_seed_and_number(tmp_path, monkeypatch, body):
-    monkeypatch.setattr("yesnt.training.pictures.open_body", lambda path: body)
+    monkeypatch.setattr("yesnt.training.image_archive.open_body", lambda path: body)
     first, second = tmp_path / "a", tmp_path / "b"
     assert make_person(first, 0, 5, [tmp_path])
     assert not make_person(first, 0, 5, [tmp_path])

@@ -1,1 +1,1 @@
-"""Stochastic intrinsic decomposition: diffusion members over patches (method.md section 3)."""
+"""Stochastic intrinsic decomposition: roughness and metallic with their uncertainty (docs/method.md section 3)."""

@@ -1,7 +1,9 @@
-"""The second opinion: what a network that knows photographs says of the whole subject, place by place.
+"""Auxiliary predictor: roughness and metallic of the whole subject from ImageNet features.
 
-The estimator has only seen painted pictures, and tells a material by its colour first. A backbone trained on photographs
-(`backbone.py`) knows shapes and things; a small perceptron on its features says which roughness and metallic they go with.
+The estimator (`yesnt.decompose.network.Estimator`) is trained on synthetic images and relies on colour. The auxiliary
+predictor is a per-location perceptron on features of a frozen backbone that was trained on photographs
+(`yesnt.decompose.backbone`), which respond to shape and object. The two predictions are averaged; their difference
+conditions the denoiser.
 """
 
 from __future__ import annotations
@@ -13,24 +15,24 @@ from torch.nn import functional as F
 from yesnt.decompose.backbone import FEATURE_CHANNELS, Backbone
 
 AUXILIARY_INPUT_SIDE = 288
-"""Side in pixels of the picture of the whole subject that is surveyed."""
+"""Side in pixels of the image of the whole subject that the predictor takes."""
 
 AUXILIARY_OUTPUT_SIDE = AUXILIARY_INPUT_SIDE // 4
-"""FeatureSamples per side of an auxiliary."""
+"""Side in locations of the prediction."""
 
-_WEIGHT = 0.5
-"""Of the auxiliary in what is expected, the estimator's being the rest."""
+AUXILIARY_WEIGHT = 0.5
+"""Weight of the auxiliary prediction in the mean of both; the estimator has the rest."""
 
 _WHITE = 4.0
-"""Radiance that is shown as white; a picture of exposure near 1 has its highlights above 1."""
+"""Linear radiance that maps to display white. Highlights exceed 1 at a normal exposure."""
 
 
 class AuxiliaryPredictor(nn.Module):
-    """Backbone and perceptron.
+    """Frozen backbone and a perceptron of three layers per location.
 
     Args:
-        first: channels of the perceptron's first layer.
-        second: of its second.
+        first: channels of the first hidden layer.
+        second: channels of the second hidden layer.
     """
 
     def __init__(self, first: int, second: int) -> None:
@@ -41,48 +43,57 @@ class AuxiliaryPredictor(nn.Module):
         self.hidden = nn.Conv2d(first, second, 1)
         self.output = nn.Conv2d(second, 2, 1)
 
-    def forward(self, picture: torch.Tensor) -> torch.Tensor:
-        """What is thought of every place.
+    def forward(self, image: torch.Tensor) -> torch.Tensor:
+        """Predicts materials at every location.
 
         Args:
-            picture: [B, 4, S, S] straight linear rgb and matte of the whole subject; S a multiple of 32.
+            image: [B, 4, S, S] straight linear rgb and matte of the whole subject; S a multiple of 32.
 
         Returns:
-            [B, 2, S/4, S/4] roughness and metallic, -1 .. 1 for 0 .. 1.
+            [B, 2, S/4, S/4] roughness and metallic, scaled from [0, 1] to [-1, 1].
         """
-        side = picture.shape[-1] // 4
-        # A layer without its bend may come before the enlargement: the sum is the perceptron's on upsample features.
-        told = (level(x) for level, x in zip(self.projections, self.backbone(display_encode(picture)), strict=True))
-        first = sum(upsample(x, side) for x in told) + self.bias[:, None, None]
+        side = image.shape[-1] // 4
+        # A linear layer commutes with bilinear upsampling; projecting the small feature maps first costs less.
+        features = zip(self.projections, self.backbone(display_encode(image)), strict=True)
+        first = sum(upsample(project(x), side) for project, x in features) + self.bias[:, None, None]
         return self.output(F.relu(self.hidden(F.relu(first)))).clamp(-1, 1)
 
 
-def display_encode(picture: torch.Tensor) -> torch.Tensor:
-    """Linear [B, 4, S, S] as photographs are coded, on grey: [B, 3, S, S] in -1 .. 1.
+def display_encode(image: torch.Tensor) -> torch.Tensor:
+    """Encodes linear radiance the way photographs are encoded, over grey.
 
-    Highlights are compressed by Reinhard's curve (2002, eq. 4), which keeps those up to `_WHITE` apart, then sRGB.
+    Reinhard's extended curve (2002, eq. 4) with white point `_WHITE` keeps highlights distinguishable; the sRGB
+    transfer function (IEC 61966-2-1) follows.
+
+    Args:
+        image: [B, 4, S, S] straight linear rgb and matte.
+
+    Returns:
+        [B, 3, S, S] code values in [-1, 1]; 0 (mid grey) outside the matte.
     """
-    rgb, matte = picture[:, :3].clamp(0, _WHITE), picture[:, 3:]
-    shown = rgb * (1 + rgb / _WHITE**2) / (1 + rgb)
-    coded = torch.where(shown <= 0.0031308, 12.92 * shown, 1.055 * shown.clamp_min(0.0031308) ** (1 / 2.4) - 0.055)
+    rgb, matte = image[:, :3].clamp(0, _WHITE), image[:, 3:]
+    tone_mapped = rgb * (1 + rgb / _WHITE**2) / (1 + rgb)
+    coded = torch.where(
+        tone_mapped <= 0.0031308, 12.92 * tone_mapped, 1.055 * tone_mapped.clamp_min(0.0031308) ** (1 / 2.4) - 0.055
+    )
     return (2 * coded - 1) * matte
 
 
 def upsample(x: torch.Tensor, side: int) -> torch.Tensor:
-    """[B, C, h, h] to [B, C, side, side]."""
+    """Resizes [B, C, h, h] bilinearly to [B, C, side, side]; returns the input if it has that size."""
     return x if x.shape[-1] == side else F.interpolate(x, (side, side), mode="bilinear", align_corners=False)
 
 
 def fuse_predictions(condition: torch.Tensor, auxiliary: torch.Tensor) -> torch.Tensor:
-    """What sampling needs to know, once the auxiliary is fuse_predictions.
+    """Averages the predictions of the estimator and the auxiliary predictor.
 
     Args:
-        condition: [B, C, h, w]; channels 0 and 1 are what the estimator predicts_mean.
-        auxiliary: [B, 2, h, w] at the same places.
+        condition: [B, C, h, w]; channels 0 and 1 are roughness and metallic as the estimator predicts them, in [-1, 1].
+        auxiliary: [B, 2, h, w] auxiliary prediction at the same locations.
 
     Returns:
-        [B, C + 2, h, w]: channels 0 and 1 the mean of both, the last two how far the auxiliary is from the estimator, which
-        tells the denoiser how far to spread.
+        [B, C + 2, h, w]: channels 0 and 1 hold the mean of both, the last two the difference auxiliary - estimator,
+        from which the denoiser learns how far samples have to spread.
     """
-    apart = auxiliary - condition[:, :2]
-    return torch.cat([condition[:, :2] + _WEIGHT * apart, condition[:, 2:], apart], 1)
+    difference = auxiliary - condition[:, :2]
+    return torch.cat([condition[:, :2] + AUXILIARY_WEIGHT * difference, condition[:, 2:], difference], 1)

@@ -1,7 +1,7 @@
-"""EfficientNet-Lite0 without its classifier: features learnt from a million photographs, which we leave as they are.
+"""Backbone of the auxiliary predictor: EfficientNet-Lite0 without its classifier, pretrained on ImageNet, frozen.
 
-The layers are those of the network's publishers (Tan & Le 2019; the lite variant has no squeeze-and-excitation and
-clips at 6): convolutions with their norms folded in, padded as TensorFlow pads, so that the published weights fit.
+The layers are those of the publishers (Tan & Le 2019; the lite variant has no squeeze-and-excitation and uses ReLU6).
+Batch norms are folded into the convolutions, and padding follows TensorFlow, so that the published weights fit.
 """
 
 from __future__ import annotations
@@ -14,7 +14,15 @@ from torch.nn import functional as F
 
 
 class Stage(NamedTuple):
-    """Blocks of one width; the first of them shrinks."""
+    """Blocks of one width; the first of them has the stride.
+
+    Attributes:
+        repeats: number of blocks.
+        kernel: side of the depthwise filter.
+        stride: of the first block.
+        expansion: hidden channels over input channels.
+        channels: output channels.
+    """
 
     repeats: int
     kernel: int
@@ -32,19 +40,19 @@ STAGES = (
     Stage(4, 5, 2, 6, 192),
     Stage(1, 3, 1, 6, 320),
 )
-"""Of EfficientNet-Lite0, after a stem of 32 channels at half the resolution."""
+"""Stages of EfficientNet-Lite0, after a stem of 32 channels at half the resolution."""
 
 _STEM = 32
 
 FEATURE_STAGES = (1, 2, 4, 6)
-"""Stages whose features are handed on: the last of each resolution from a quarter to a thirty-second."""
+"""Indices of the stages whose features are returned: the last of each resolution from 1/4 to 1/32."""
 
 FEATURE_CHANNELS = tuple(STAGES[number].channels for number in FEATURE_STAGES)
-"""Channels of each."""
+"""Channels of each returned feature map."""
 
 
 class Conv(nn.Module):
-    """Convolution with TensorFlow's "same" padding: what cannot be shared out evenly goes last."""
+    """Convolution with TensorFlow's "same" padding: an odd remainder is padded at the end."""
 
     def __init__(self, inputs: int, outputs: int, kernel: int, stride: int = 1, groups: int = 1) -> None:
         super().__init__()
@@ -63,7 +71,10 @@ class Conv(nn.Module):
 
 
 class Bottleneck(nn.Module):
-    """Widens, filters each channel, narrows; added to its input where the shapes agree (MobileNetV2's block)."""
+    """Inverted residual block of MobileNetV2 (Sandler et al. 2018): expand, depthwise filter, project.
+
+    Input and output are added if their shapes agree.
+    """
 
     def __init__(self, inputs: int, outputs: int, kernel: int, stride: int, expansion: int) -> None:
         super().__init__()
@@ -81,7 +92,7 @@ class Bottleneck(nn.Module):
 
 
 class Backbone(nn.Module):
-    """All blocks up to the last, and what they say at four resolutions."""
+    """All stages up to the last; returns features at four resolutions."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -97,21 +108,21 @@ class Backbone(nn.Module):
         self.stages = nn.ModuleList(stages)
 
     def blocks(self) -> list[Bottleneck]:
-        """All in order."""
+        """Returns all blocks in order."""
         return [module for module in self.modules() if isinstance(module, Bottleneck)]
 
-    def forward(self, picture: torch.Tensor) -> list[torch.Tensor]:
-        """Features of a picture.
+    def forward(self, image: torch.Tensor) -> list[torch.Tensor]:
+        """Computes features of an image.
 
         Args:
-            picture: [B, 3, S, S] display code values, -1 .. 1; S a multiple of 32.
+            image: [B, 3, S, S] display code values in [-1, 1]; S a multiple of 32.
 
         Returns:
-            `FEATURE_CHANNELS` channels at S/4, S/8, S/16 and S/32.
+            Four maps with `FEATURE_CHANNELS` channels at S/4, S/8, S/16 and S/32.
         """
-        x, told = F.relu6(self.stem(picture)), []
+        x, features = F.relu6(self.stem(image)), []
         for number, stage in enumerate(self.stages):
             x = stage(x)
             if number in FEATURE_STAGES:
-                told.append(x)
-        return told
+                features.append(x)
+        return features

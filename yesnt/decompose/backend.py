@@ -1,4 +1,4 @@
-"""What a decomposition model must offer, whoever made it: one protocol for the embedded and the large backends."""
+"""Protocols that a decomposition backend follows, and the records that describe it. Importing this imports no torch."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ class Licence:
     """Terms of a backend's weights.
 
     Attributes:
-        name: SPDX identifier, or the publisher's own name of the licence.
-        commercial: False if the weights must not be used commercially; such a backend needs `--accept-license NAME`.
+        name: SPDX identifier, or the name that the publisher gives the licence.
+        commercial: whether commercial use is allowed; if not, a job needs `--accept-license NAME`.
     """
 
     name: str
@@ -33,16 +33,16 @@ class Licence:
 
 @dataclass(frozen=True)
 class Footprint:
-    """What one call of a backend holds; lets a run be planned before anything is opened.
+    """Size and cost of one call of a backend, known without opening it, so that a run can be planned.
 
     Attributes:
-        patch: side of a patch in pixels; None: the whole frame at the model's own size.
-        align: patch origins are multiples of this.
-        nfe: network evaluations of one member of one patch.
-        window: frames of a call of a video backend; 0: frames are drawn apart.
-        overlap: frames that neighbouring windows share at least.
-        predicts_mean: the backend says what to expect (`MeanPredictor`), so that with a tolerance no patch gets more than the
-            first members.
+        patch: side of a patch in pixels; None: the backend takes the whole frame at the size of its model.
+        align: patch origins are multiples of this many pixels.
+        nfe: number of function evaluations (network calls) for one member of one patch.
+        window: frames that a video backend processes together; 0: the backend processes single frames.
+        overlap: least number of frames that consecutive windows share.
+        predicts_mean: the backend follows `MeanPredictor`. With a tolerance, no patch then gets more than the first
+            round of members.
     """
 
     patch: int | None
@@ -54,43 +54,30 @@ class Footprint:
 
 
 class Backend(Protocol):
-    """A conditional sampler of (roughness, metallic) patches.
+    """Conditional sampler of roughness and metallic for patches of one frame.
 
-    The two methods exist apart because the first is paid once per patch and the second once per member. Every call has
-    exactly `batch` rows (callers pad): a network called with other batch sizes differs in the last bits, and resumed
-    work must not. A row's result depends on that row alone.
+    `encode` runs once per patch, `sample` once per member. Every call has exactly `batch` rows, and callers pad:
+    another batch size changes the last bits of a network's output, and a resumed job must give the same bits. The
+    result of a row depends on that row only.
 
     Attributes:
-        name: the word in the job file.
-        licence: of the weights.
-        patch: side of a patch P in pixels.
-        align: patch origins are multiples of this, and P is one: networks that work at a fraction of the resolution
-            then see the same grid, and pooled noise the same values, in every patch.
+        patch: side P of a patch in pixels; a multiple of `align`.
+        align: patch origins are multiples of this many pixels, so that pooled features and pooled noise fall on the
+            same grid in every patch.
         batch: rows B of every call.
-        noise_sigmas: one entry per noise plane, C in all: the Gaussian blur in pixels of that plane of the full-frame
-            noise field, 0 for white noise (see `yesnt.decompose.noise_planes`).
-        nfe: network evaluations that one `sample` call spends per row.
-        weights_digest: hexadecimal digest of the weights.
+        noise_sigmas: Gaussian blur in pixels of each of the C noise planes, 0 for white noise
+            (`yesnt.decompose.noise_planes`).
+        nfe: network evaluations per row of one `sample` call.
     """
 
     @property
-    def name(self) -> str:
-        """The word in the job file."""
-        ...
-
-    @property
-    def licence(self) -> Licence:
-        """Terms of the weights."""
-        ...
-
-    @property
     def patch(self) -> int:
-        """Side of a patch P in pixels."""
+        """Side P of a patch in pixels."""
         ...
 
     @property
     def align(self) -> int:
-        """What patch origins, and P, are multiples of."""
+        """Number of pixels that patch origins, and P, are multiples of."""
         ...
 
     @property
@@ -100,37 +87,32 @@ class Backend(Protocol):
 
     @property
     def noise_sigmas(self) -> tuple[float, ...]:
-        """Blur in pixels of each of the C noise planes, 0 for white noise."""
+        """Gaussian blur in pixels of each of the C noise planes, 0 for white noise."""
         ...
 
     @property
     def nfe(self) -> int:
-        """Network nfe that one `sample` call spends per row."""
-        ...
-
-    @property
-    def weights_digest(self) -> str:
-        """Hexadecimal digest of the weights."""
+        """Network evaluations per row of one `sample` call."""
         ...
 
     def encode(self, rgb: torch.Tensor, matte: torch.Tensor, context: ContextBatch) -> torch.Tensor:
-        """What sampling needs to know of the patches.
+        """Computes the condition that `sample` takes.
 
         Args:
             rgb: [B, 3, P, P] float32, linear Rec.709, straight, 0 where the matte is 0.
-            matte: [B, 1, P, P] float32 coverage.
-            context: the whole subject in small and where on it each patch lies; who draws large patches may do without.
+            matte: [B, 1, P, P] float32 coverage in [0, 1].
+            context: image of the whole subject and the location of each patch on it; a backend may ignore it.
 
         Returns:
-            [B, ...] condition; rows may be gathered into other batches of B rows.
+            [B, ...] condition. Rows may be regrouped into other batches of B rows.
         """
         ...
 
     def sample(self, condition: torch.Tensor, noise: torch.Tensor) -> torch.Tensor:
-        """SamplePairs one member.
+        """Draws one member per row.
 
         Args:
-            condition: [B, ...] rows of what `encode` returned.
+            condition: [B, ...] rows that `encode` returned.
             noise: [B, C, P, P] standard normal planes.
 
         Returns:
@@ -141,39 +123,53 @@ class Backend(Protocol):
 
 @runtime_checkable
 class MeanPredictor(Protocol):
-    """What a backend offers besides, if it knows the mean of its draws without drawing."""
+    """Optional part of a backend: predicts the mean of its samples without sampling."""
 
     def predict_mean(self, condition: torch.Tensor) -> torch.Tensor:
-        """The expected roughness and metallic [B, 2, P, P] in [0, 1] of rows that `encode` returned."""
+        """Predicts the conditional mean.
+
+        Args:
+            condition: [B, ...] rows that `encode` returned.
+
+        Returns:
+            [B, 2, P, P] float32 expected roughness and metallic in [0, 1].
+        """
         ...
 
 
 @runtime_checkable
 class GlobalPredictor(Protocol):
-    """What a backend offers besides, if it wants to see the whole subject before its patches.
+    """Optional part of a backend: predicts features of the whole subject once per frame.
 
     Attributes:
-        auxiliary_side: side in pixels of the picture that it is shown; 0: it asks for none.
+        auxiliary_side: side S in pixels of the image of the subject that it takes; 0: these weights hold no predictor.
     """
 
     @property
     def auxiliary_side(self) -> int:
-        """Side of the picture in pixels."""
+        """Side S in pixels of the image of the subject."""
         ...
 
-    def predict_auxiliary(self, picture: torch.Tensor) -> torch.Tensor:
-        """Looks at the whole subject [1, 4, side, side]; `encode` is told the answer [1, C, s, s] with every patch."""
+    def predict_auxiliary(self, image: torch.Tensor) -> torch.Tensor:
+        """Predicts auxiliary features, which `encode` receives in `ContextBatch.auxiliary` with every patch.
+
+        Args:
+            image: [1, 4, S, S] straight linear rgb and matte of the whole subject.
+
+        Returns:
+            [1, C, s, s] features over the same square.
+        """
         ...
 
 
 @dataclass(frozen=True)
 class Clip:
-    """Frames of one window in order; a short one repeats its last frame, so that every clip is as long as the model's.
+    """Frames of one window in order. A short clip repeats its last frame up to the length that the model takes.
 
     Attributes:
         rgb: [F, H, W, 3] linear Rec.709, straight, 0 where the matte is 0.
-        matte: [F, H, W] coverage.
-        frames: frame number of each; a repeated one counts on, so that its noise is its own.
+        matte: [F, H, W] coverage in [0, 1].
+        frames: frame number of each; repeated frames have consecutive numbers, so that each has its own noise.
     """
 
     rgb: Float32
@@ -182,45 +178,27 @@ class Clip:
 
 
 class VideoBackend(Protocol):
-    """A conditional sampler of (roughness, metallic) clips: frames of a window are drawn together.
+    """Conditional sampler of roughness and metallic that processes the frames of a window together.
 
     Attributes:
-        name: the word in the job file.
-        licence: of the weights.
-        footprint: frames of a window, nfe of a member.
-        weights_digest: hexadecimal digest of the weights.
+        footprint: frames of a window and network evaluations of a member.
     """
 
     @property
-    def name(self) -> str:
-        """The word in the job file."""
-        ...
-
-    @property
-    def licence(self) -> Licence:
-        """Terms of the weights."""
-        ...
-
-    @property
     def footprint(self) -> Footprint:
-        """Frames of a window, nfe of a member."""
-        ...
-
-    @property
-    def weights_digest(self) -> str:
-        """Hexadecimal digest of the weights."""
+        """Frames of a window and network evaluations of a member."""
         ...
 
     def draw(self, clip: Clip, seed: int, members: Sequence[int], settings: EnsembleSettings) -> Iterator[Float32]:
-        """SamplePairs members one after another.
+        """Draws members one after another.
 
         Args:
             clip: `footprint.window` frames.
-            seed: the job's seed; a member depends on it, on the clip's frame numbers and on its own number alone.
-            members: numbers k.
-            settings: overlap of patches, and whether members come in opposite pairs, where the model lets us choose.
+            seed: seed of the job; a member depends on it, on the frame numbers of the clip and on its own number only.
+            members: member numbers k.
+            settings: overlap of patches and antithetic pairing, for models that allow either.
 
         Yields:
-            [F, 2, H, W] roughness (Disney's r) and metallic in [0, 1].
+            [F, 2, H, W] float32 roughness (Disney's r) and metallic in [0, 1].
         """
         ...

@@ -1,4 +1,4 @@
-"""Folders of published weights: what they must hold, and their digest."""
+"""Folders of published weights: required files and digest."""
 
 from __future__ import annotations
 
@@ -9,22 +9,23 @@ from pathlib import Path
 from yesnt.core.errors import JobError
 
 _WHOLE_BYTES = 64 << 20
-"""A file of at most this size is hashed whole."""
+"""Files up to this size are hashed whole."""
 
 _PROBES, _PROBE_BYTES = 64, 1 << 18
-"""Of a larger one so many blocks of this size, evenly spread, and its length: `plan` must not read 56 GB."""
+"""A larger file is hashed by its length and this many evenly spaced blocks of this size: `plan` must not read 56 GB."""
 
 _HASHED = (".safetensors", ".json", ".pt", ".jit")
+"""Suffixes of weights and configurations."""
 
 
 @dataclass(frozen=True)
 class Published:
-    """A checkpoint as its authors publish it.
+    """Layout of a checkpoint as its authors publish it.
 
     Attributes:
-        title: what it is called.
+        title: name of the model.
         source: where it is published.
-        files: relative paths that must exist; a tuple means any one of them.
+        files: relative paths that must exist; of a tuple, at least one must exist.
     """
 
     title: str
@@ -32,10 +33,10 @@ class Published:
     files: tuple[str | tuple[str, ...], ...]
 
     def check(self, folder: Path) -> None:
-        """Refuses a folder that lacks a file.
+        """Checks that a folder holds every file.
 
         Raises:
-            JobError: naming every absent file.
+            JobError: files are missing; names every one of them and the source.
         """
         absent = [" or ".join(choice) for choice in self._choices() if not any((folder / f).is_file() for f in choice)]
         if absent:
@@ -47,7 +48,7 @@ class Published:
             )
 
     def digest(self, folder: Path) -> str:
-        """SHA-256 over names and contents of the weights and configurations, hexadecimal."""
+        """Returns the hexadecimal SHA-256 over names and contents of weights and configurations below `folder`."""
         whole = hashlib.sha256()
         for path in sorted(p for p in folder.rglob("*") if p.suffix in _HASHED):
             whole.update(path.relative_to(folder).as_posix().encode() + b"\0")
@@ -59,7 +60,7 @@ class Published:
 
 
 def fingerprint(path: Path) -> bytes:
-    """SHA-256 of a file; of a very large one, of its length and of blocks spread evenly over it."""
+    """Returns the SHA-256 of a file, or of the length and evenly spaced blocks of a file larger than `_WHOLE_BYTES`."""
     size = path.stat().st_size
     with path.open("rb") as file:
         if size <= _WHOLE_BYTES:

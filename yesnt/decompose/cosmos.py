@@ -1,7 +1,8 @@
-"""DiffusionRenderer-Cosmos (7B) through a user's checkout, run by the checkout's own Python as a process of its own.
+"""Backend for DiffusionRenderer-Cosmos (7B): runs a checkout of the model in a process of its own.
 
-It is not a diffusers model and needs packages that would fight ours; its files are pickles and TorchScript, which run
-code when they are opened. So the job must name the Python and say `allow_pickle: true`.
+The checkout is not a diffusers model, and its packages conflict with ours. Its files are pickles and TorchScript,
+which execute code when they are loaded. A job therefore has to name the Python interpreter and to set
+`allow_pickle: true`.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 
 from yesnt.core.color import srgb_encode
 from yesnt.core.errors import JobError, YesntError
-from yesnt.decompose.backend import Clip, Footprint, Licence
+from yesnt.decompose.backend import Clip, Footprint
 from yesnt.decompose.published import COSMOS
 from yesnt.decompose.settings import EnsembleSettings
 
@@ -28,33 +29,30 @@ Float32 = NDArray[np.float32]
 _RUNNER = Path(__file__).parent / "inside_cosmos" / "run.py"
 _PASSES = ("roughness", "metallic")
 _SIZE = (704, 1280)
-"""Rows and columns that the model was trained at; frames are stretched to it and back, as its own script does."""
+"""Rows and columns that the model was trained at. Frames are resized to it and back, as the model's own script does."""
 
 _STDERR_CHARACTERS = 2000
-"""Last characters of what a failed process said that go into the error."""
+"""Number of last characters of a failed process's stderr that go into the error message."""
 
 
 class CosmosBackend:
-    """SamplePairs clips of roughness and metallic in a process of the user's checkout.
+    """Video backend that draws clips of roughness and metallic with the user's checkout.
 
-    The model draws its noise itself, from one seed; we give each member, quantity and window a seed made from the
-    job's, so a member is the same whenever it is drawn on the same machine. Members cannot be paired.
+    The model draws its own noise from one integer seed. The seed of each member, quantity and window is derived from
+    the seed of the job, so a member is reproducible on the same machine. Antithetic pairs are not possible.
 
     Args:
         folder: the checkout, with `checkpoints/` below it.
-        steps: denoising steps of each quantity.
+        steps: denoising steps per quantity.
         window: frames of a clip: 57, or 1.
-        window_overlap: frames that neighbouring windows share at least.
-        python: the interpreter of the checkout's environment.
-        allow_pickle: must be true: the checkout opens pickles.
-        offload: network and tokenizer leave the GPU in turn (less memory, more time).
+        window_overlap: least number of frames that consecutive windows share.
+        python: interpreter of the checkout's environment.
+        allow_pickle: must be true, because the checkout loads pickles.
+        offload: move network and tokenizer to the GPU in turn, which takes less memory and more time.
 
     Raises:
-        JobError: a file is absent, or the job does not name the Python or does not allow pickles.
+        JobError: a file is missing, no interpreter is given, or pickles are not allowed.
     """
-
-    name = "diffusion-renderer-cosmos"
-    licence = Licence("NVIDIA-Open-Model", commercial=True)
 
     def __init__(
         self,
@@ -69,17 +67,20 @@ class CosmosBackend:
         COSMOS.check(folder)
         if not python or not allow_pickle:
             raise JobError(
-                f"{self.name} runs the code and opens the pickles of a checkout",
+                "diffusion-renderer-cosmos runs the code and opens the pickles of a checkout",
                 "key decompose.knobs",
                 "python: the interpreter of the checkout's environment, and allow_pickle: true",
                 "set both if you trust that checkout",
             )
         self._folder, self._python, self._offload, self._steps = folder, python, offload, steps
         self.footprint = Footprint(None, 1, steps * len(_PASSES), window, window_overlap)
-        self.weights_digest = COSMOS.digest(folder)
 
     def draw(self, clip: Clip, seed: int, members: Sequence[int], settings: EnsembleSettings) -> Iterator[Float32]:
-        """Members of a clip, [F, 2, H, W] each; all of them in one process, since loading takes a minute."""
+        """Draws members of a clip, [F, 2, H, W] each, in one process, because loading the model takes a minute.
+
+        Raises:
+            YesntError: the process failed or wrote arrays of another shape.
+        """
         with tempfile.TemporaryDirectory(prefix="yesnt-cosmos-") as name:
             home = Path(name)
             _write_frames(home / "clips" / "clip", clip)
@@ -112,13 +113,13 @@ class CosmosBackend:
 
 
 def draw_seed(seed: int, frame: int, member: int, quantity: str) -> int:
-    """A 31-bit seed from the key of a draw."""
+    """Returns a 31-bit seed that is a hash of job seed, frame, member and quantity."""
     text = f"{seed} {frame} {member} {quantity}".encode()
     return int.from_bytes(hashlib.blake2b(text, digest_size=4).digest(), "little") >> 1
 
 
 def _write_frames(folder: Path, clip: Clip) -> None:
-    """Display-referred 8-bit PNGs over white, stretched to the model's size: what its own estimator takes."""
+    """Writes display-referred 8-bit PNGs over white at the model's size, which is what its data loader reads."""
     import cv2
 
     folder.mkdir(parents=True)
@@ -131,7 +132,7 @@ def _write_frames(folder: Path, clip: Clip) -> None:
 
 
 def _read(path: Path, clip: Clip) -> Float32:
-    """A quantity [F, H, W] at the clip's size."""
+    """Reads one quantity and returns it at the clip's size, [F, H, W]."""
     import cv2
 
     height, width = clip.matte.shape[1:]

@@ -1,8 +1,9 @@
-"""The inverse DiffusionRenderer (Liang et al. 2025, SVD release): a video model, one denoising run a quantity.
+"""Backend for the inverse DiffusionRenderer (Liang et al. 2025, SVD release), a video diffusion model.
 
-Weights for non-commercial use only. It takes display-referred colour over black, and writes a quantity as three
-channels of which the mean is meant. Its UNet is Stable Video Diffusion's with a learned vector for each quantity in the
-place of the picture's embedding; the picture itself enters as latents beside the noise.
+The weights allow non-commercial use only. The model takes display-referred colour over black and denoises one quantity
+at a time. Its output has three channels, whose mean is the quantity. The UNet is that of Stable Video Diffusion with a
+learned embedding per quantity in place of the image embedding; the latents of the input frames are concatenated to the
+noisy latents.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ from numpy.typing import NDArray
 
 from yesnt.core.errors import JobError
 from yesnt.core.noise import noise_field
-from yesnt.decompose.backend import Clip, Footprint, Licence
+from yesnt.decompose.backend import Clip, Footprint
 from yesnt.decompose.blend import Patch, PatchGrid, PatchSum
-from yesnt.decompose.latents import default_device, diffusers_for, local_only, precision_named, srgb
+from yesnt.decompose.latents import default_device, diffusers_for, encode_srgb, local_only, precision_named
 from yesnt.decompose.published import DIFFUSION_RENDERER
 from yesnt.decompose.settings import EnsembleSettings
 from yesnt.decompose.threads import one_thread
@@ -29,41 +30,38 @@ from yesnt.decompose.threads import one_thread
 Float32 = NDArray[np.float32]
 
 _PASSES = (2, 1)
-"""Numbers of roughness and metallic among the quantities that the model knows."""
+"""Indices of roughness and metallic among the quantities of the model."""
 
 _TIME_IDS = (6.0, 127.0, 0.0)
-"""Frames a second less one, motion bucket, noise on the picture: the authors' own."""
+"""Frames per second less one, motion bucket, and noise augmentation, as the authors set them."""
 
 _DECODED_TOGETHER = 8
-"""Frames in one call of the decoder, as the authors do; another number changes the result a little."""
+"""Frames per call of the decoder, as the authors set it; another number changes the result slightly."""
 
 _LARGEST_NORM = 10.0
-"""The vector of a quantity is scaled down to this norm when it is looked up."""
+"""Largest norm of a quantity's embedding; longer ones are scaled down on lookup (`max_norm` of torch's Embedding)."""
 
 
 class DiffusionRendererBackend:
-    """SamplePairs clips of roughness and metallic.
+    """Video backend that draws clips of roughness and metallic.
 
-    Per patch and member it equals a call of diffusers' `StableVideoDiffusionPipeline` without guidance, with the
-    quantity's vector for the image embedding and every frame's own latents beside the noise. The noise is one field a
-    frame, member and quantity at an eighth of the resolution, from our own generator: patches crop it, and windows that
-    overlap see the same noise in the frames that they share.
+    For one patch and member the result equals a call of `StableVideoDiffusionPipeline` of diffusers without guidance,
+    with the quantity's embedding in place of the image embedding and each frame's own latents concatenated to the
+    noise. Noise is a keyed field per frame, member and quantity at 1/8 of the resolution. Patches crop it; overlapping
+    windows have the same noise in the frames that they share.
 
     Args:
-        folder: local checkpoint; nothing is ever downloaded.
-        steps: denoising steps of each quantity.
-        patch: side of a patch, a multiple of 64.
+        folder: local checkpoint; nothing is downloaded.
+        steps: denoising steps per quantity.
+        patch: side of a patch in pixels, a multiple of 64.
         window: frames of a clip.
-        window_overlap: frames that neighbouring windows share at least.
+        window_overlap: least number of frames that consecutive windows share.
         precision: auto, float32, float16 or bfloat16.
 
     Raises:
         MissingPartError: diffusers is not installed.
-        JobError: a file is absent, or the checkpoint is not the inverse model.
+        JobError: a file is missing, or the checkpoint is not the inverse model.
     """
-
-    name = "diffusion-renderer"
-    licence = Licence("NVIDIA-NonCommercial", commercial=False)
 
     def __init__(
         self,
@@ -75,7 +73,7 @@ class DiffusionRendererBackend:
         precision: str = "auto",
     ) -> None:
         DIFFUSION_RENDERER.check(folder)
-        diffusers = diffusers_for(self.name)
+        diffusers = diffusers_for("diffusion-renderer")
         self._device = default_device()
         self._dtype = precision_named(precision, self._device)
         self._unet, contexts = _load_unet(diffusers, folder)
@@ -91,10 +89,9 @@ class DiffusionRendererBackend:
         self._factor = 2 ** (len(self._vae.config.block_out_channels) - 1)
         self._steps, self._patch = steps, patch
         self.footprint = Footprint(patch, 64, steps * len(_PASSES), window, window_overlap)
-        self.weights_digest = DIFFUSION_RENDERER.digest(folder)
 
     def draw(self, clip: Clip, seed: int, members: Sequence[int], settings: EnsembleSettings) -> Iterator[Float32]:
-        """Members of a clip, [F, 2, H, W] each."""
+        """Draws members of a clip, [F, 2, H, W] each; arguments as in `VideoBackend.draw`."""
         height, width = clip.matte.shape[1:]
         grid = PatchGrid.cover(height, width, self._patch, settings.overlap, self.footprint.align)
         pad = ((0, 0), (0, grid.height - height), (0, grid.width - width))
@@ -102,10 +99,10 @@ class DiffusionRendererBackend:
         patches = grid.covering(matte.max(axis=0))
         rgb = np.pad(clip.rgb, (*pad, (0, 0))).transpose(0, 3, 1, 2)
         conditions = [self.encode(torch.from_numpy(np.ascontiguousarray(grid.crop(rgb, p)))) for p in patches]
-        share = PatchSum(grid, 1)
+        weight = PatchSum(grid, 1)
         for patch in patches:
-            share.add(patch, np.ones((1, grid.size, grid.size), np.float32))
-        safe = np.maximum(share.value(), 1e-6)
+            weight.add(patch, np.ones((1, grid.size, grid.size), np.float32))
+        safe = np.maximum(weight.value(), 1e-6)
         for member in members:
             noise = self._noise(seed, clip.frames, member, grid, settings.antithetic)
             sums = [PatchSum(grid, 2) for _ in clip.frames]
@@ -117,29 +114,29 @@ class DiffusionRendererBackend:
     @one_thread()
     @torch.no_grad()
     def encode(self, rgb: torch.Tensor) -> torch.Tensor:
-        """[F, 3, P, P] linear, black outside the matte, to the picture's latents [F, 4, P/8, P/8], unscaled."""
-        coded = 2 * srgb(rgb).to(self._device, self._dtype) - 1
+        """Encodes linear colour [F, 3, P, P], black outside the matte, to unscaled latents [F, 4, P/8, P/8]."""
+        coded = 2 * encode_srgb(rgb).to(self._device, self._dtype) - 1
         latents = [self._vae.encode(frame[None]).latent_dist.mode() for frame in coded]
         return torch.cat(latents)
 
     @one_thread()
     @torch.no_grad()
     def sample(self, condition: torch.Tensor, noise: torch.Tensor) -> Float32:
-        """Both quantities of a patch's clip.
+        """Draws both quantities of a clip for one patch.
 
         Args:
-            condition: [F, 4, p, p] the picture's latents.
-            noise: [F, 8, p, p] standard normal, roughness first.
+            condition: [F, 4, p, p] latents that `encode` returned.
+            noise: [F, 8, p, p] standard normal; the first four channels are for roughness, the others for metallic.
 
         Returns:
-            [F, 2, 8p, 8p] in [0, 1].
+            [F, 2, 8p, 8p] roughness and metallic in [0, 1].
         """
         latents = noise.to(condition).chunk(len(_PASSES), 1)
         planes = [self._run(condition, part, number) for part, number in zip(latents, _PASSES, strict=True)]
         return torch.stack(planes, 1).float().numpy(force=True)
 
     def _run(self, condition: torch.Tensor, latent: torch.Tensor, number: int) -> torch.Tensor:
-        """One quantity [F, 8p, 8p]."""
+        """Denoises and decodes one quantity, [F, 8p, 8p]."""
         scheduler, context = self._scheduler, self._contexts[number][None, None]
         scheduler.set_timesteps(self._steps, device=latent.device)
         latent, condition = latent[None] * scheduler.init_noise_sigma, condition[None]
@@ -153,7 +150,7 @@ class DiffusionRendererBackend:
         return (0.5 + 0.5 * decoded.float()).clamp(0, 1).mean(1)
 
     def _noise(self, seed: int, frames: Sequence[int], member: int, grid: PatchGrid, paired: bool) -> Float32:
-        """[F, 8, H/8, W/8]; an odd member of a pair has the negated field of the one before it."""
+        """Returns noise [F, 8, H/8, W/8]; an odd member of an antithetic pair has the negated field of the even one."""
         size = (grid.height // self._factor, grid.width // self._factor)
         twin = member - member % 2 if paired else member
         planes = 4 * len(_PASSES)
@@ -166,7 +163,7 @@ class DiffusionRendererBackend:
 
 
 def _load_unet(diffusers: Any, folder: Path) -> tuple[Any, torch.Tensor]:
-    """The UNet as diffusers has it, and the vectors of the quantities [n, c] that the release adds to it."""
+    """Loads the UNet into the class of diffusers, and the embeddings of the quantities [n, c] that the release adds."""
     from safetensors.torch import load_file
 
     config = json.loads((folder / "unet" / "config.json").read_text())
@@ -195,7 +192,7 @@ def _refuse_other_models(config: dict[str, Any], folder: Path) -> None:
 
 
 def _without_temporal_context(model: Any) -> None:
-    """A checkpoint may have no cross-attention in its temporal blocks; diffusers' class always builds it."""
+    """Removes the cross-attention of the temporal blocks, which the class of diffusers always builds."""
     for block in model.modules():
         if type(block).__name__ == "TemporalBasicTransformerBlock":
             block.attn2 = block.norm2 = None

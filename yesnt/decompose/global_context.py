@@ -1,4 +1,7 @@
-"""The whole subject in small: whether a red patch is a shirt or a face is plain only from where on a person it is."""
+"""Global context of a patch: a small image of the whole subject and the patch's location on it.
+
+A patch alone is ambiguous: a red patch may show a shirt or a face. Its location on the subject resolves that.
+"""
 
 from __future__ import annotations
 
@@ -13,22 +16,22 @@ from numpy.typing import NDArray
 Float32 = NDArray[np.float32]
 
 CONTEXT_SIDE = 96
-"""Side of the small picture in pixels."""
+"""Side of the context image in pixels."""
 
-_STRAY = 0.002
-"""Share of the matte that may lie outside the square on each side: specks of a bad key do not shrink the subject."""
+_OUTLIER_FRACTION = 0.002
+"""Fraction of the matte that may lie outside the square on each side, so that specks of the key do not enlarge it."""
 
 _MARGIN = 1.08
 """Side of the square over the longer side of the subject."""
 
 
 class ContextBatch(NamedTuple):
-    """What a batch of patches is told of its surroundings.
+    """Global context of a batch of patches.
 
     Attributes:
         image: [B, 4, CONTEXT_SIDE, CONTEXT_SIDE] straight linear rgb and matte of the whole subject.
-        location: [B, 3] top, left and side of the patch, in sides of that picture.
-        auxiliary: [B, C, s, s] what the backend said of the whole subject when it was shown it; None: it was not.
+        location: [B, 3] top, left and side of the patch in units of the side of the image's square.
+        auxiliary: [B, C, s, s] what the backend's `predict_auxiliary` returned for the subject; None: not available.
     """
 
     image: torch.Tensor
@@ -38,7 +41,13 @@ class ContextBatch(NamedTuple):
 
 @dataclass(frozen=True)
 class Square:
-    """A square of a frame in pixels; it may reach out of the frame."""
+    """Square region of a frame in pixels; it may extend beyond the frame.
+
+    Attributes:
+        top: first row.
+        left: first column.
+        side: rows and columns.
+    """
 
     top: int
     left: int
@@ -46,15 +55,18 @@ class Square:
 
     @classmethod
     def around(cls, matte: Float32) -> Square:
-        """The square in whose middle the subject lies; the frame's middle where the matte [H, W] is empty."""
+        """Returns the square centred on the subject of a matte [H, W], or one over the frame if the matte is empty."""
         if not matte.any():
             return cls(0, 0, max(matte.shape))
         (top, bottom), (left, right) = (_bounds(matte.sum(axis)) for axis in (1, 0))
         side = int(np.ceil(_MARGIN * max(bottom - top, right - left)))
         return cls((top + bottom - side) // 2, (left + right - side) // 2, side)
 
-    def shrink(self, planes: Float32, side: int = CONTEXT_SIDE) -> Float32:
-        """Planes [C, H, W] of the frame to [C, side, side] of this square, averaged; 0 outside the frame."""
+    def resample(self, planes: Float32, side: int = CONTEXT_SIDE) -> Float32:
+        """Resamples planes [C, H, W] of a frame to [C, side, side] over this square; 0 outside the frame.
+
+        Minification averages areas, magnification is bilinear.
+        """
         height, width = planes.shape[1:]
         square = np.zeros((self.side, self.side, len(planes)), np.float32)
         rows = slice(max(self.top, 0), min(self.top + self.side, height))
@@ -67,26 +79,29 @@ class Square:
         return np.ascontiguousarray(small.reshape(side, side, -1).transpose(2, 0, 1))
 
     def locate(self, top: int, left: int, size: int) -> tuple[float, float, float]:
-        """Top, left and side of a patch in sides of this square."""
+        """Returns top, left and side of a patch at (top, left) of `size` pixels, in units of this square's side."""
         return (top - self.top) / self.side, (left - self.left) / self.side, size / self.side
 
 
 def context_image(rgb: Float32, matte: Float32, square: Square, side: int = CONTEXT_SIDE) -> Float32:
-    """[4, side, side] straight rgb and matte.
+    """Renders the subject at a small size.
 
     Args:
         rgb: [3, H, W] straight linear Rec.709.
-        matte: [H, W] coverage.
-        square: what to show.
-        side: in pixels.
+        matte: [H, W] coverage in [0, 1].
+        square: region to show.
+        side: side of the result in pixels.
+
+    Returns:
+        [4, side, side] straight rgb and matte; rgb is 0 where the coverage is at most 1/64.
     """
-    small = square.shrink(np.concatenate([rgb * matte, matte[None]]), side)
+    small = square.resample(np.concatenate([rgb * matte, matte[None]]), side)
     colour = small[:3] / np.maximum(small[3:], 1 / 64)
     return np.concatenate([np.where(small[3:] > 1 / 64, colour, 0), small[3:]]).astype(np.float32)
 
 
 def _bounds(profile: NDArray[np.floating]) -> tuple[int, int]:
-    """First and past-the-last position of a profile without its stray ends."""
-    share = np.cumsum(profile, dtype=np.float64) / profile.sum(dtype=np.float64)
-    low, high = np.searchsorted(share, [_STRAY, 1 - _STRAY])
+    """First position, and one past the last, of a profile without `_OUTLIER_FRACTION` of its sum at either end."""
+    cumulative = np.cumsum(profile, dtype=np.float64) / profile.sum(dtype=np.float64)
+    low, high = np.searchsorted(cumulative, [_OUTLIER_FRACTION, 1 - _OUTLIER_FRACTION])
     return int(low), int(high) + 1

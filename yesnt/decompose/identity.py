@@ -1,4 +1,4 @@
-"""What a decomposition's result depends on beside its ensemble's settings, told without importing torch."""
+"""Identity of a decomposition backend: what its results depend on besides the settings of the ensemble. No torch."""
 
 from __future__ import annotations
 
@@ -15,7 +15,15 @@ from yesnt.decompose.registry import ENTRIES, check_licence, find_weights, footp
 
 @dataclass(frozen=True)
 class BackendIdentity:
-    """Name of a backend in the job file, version of our code for it, its knobs, and the digest of its weights."""
+    """What the key of a frame's record holds of the backend.
+
+    Attributes:
+        name: name in the job file.
+        version: version of our code for the backend.
+        knobs: settings that the job gives, sorted by name.
+        weights: hexadecimal digest of the weights.
+        footprint: size and cost of one call.
+    """
 
     name: str
     version: int
@@ -27,10 +35,16 @@ class BackendIdentity:
 def identify_backend(
     name: str, weights: Path | None, accepted_licences: Collection[str], knobs: Mapping[str, Any] | None = None
 ) -> BackendIdentity:
-    """Identity of a backend; every check of its files is made here, before anything runs.
+    """Returns the identity of a backend after all checks of its files, before anything runs.
+
+    Args:
+        name: key of `yesnt.decompose.registry.ENTRIES`.
+        weights: local file or folder; None: the file in the package.
+        accepted_licences: names of non-commercial licences that the user has accepted.
+        knobs: settings that the job gives for this backend.
 
     Raises:
-        JobError: there is no such backend, its licence was not accepted, or its weights are missing.
+        JobError: the backend is unknown, its licence was not accepted, a knob is not accepted, or weights are missing.
     """
     check_licence(name, accepted_licences)
     knobs = dict(knobs or {})

@@ -1,4 +1,4 @@
-"""What latent-diffusion backends share: published layout, noise at latent resolution, the optional package."""
+"""Shared parts of the latent-diffusion backends: published layout, latent noise, precision, optional package."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from yesnt.core.errors import JobError, MissingPartError
 _MODEL = "diffusion_pytorch_model"
 
 PRECISIONS = {"float32": torch.float32, "float16": torch.float16, "bfloat16": torch.bfloat16}
+"""Names of precisions in the job file."""
 
 
 def diffusers_for(backend: str) -> Any:
-    """The diffusers package.
+    """Imports diffusers for the named backend and returns the module.
 
     Raises:
         MissingPartError: it is not installed; names the backend and the extra.
@@ -34,33 +35,33 @@ def diffusers_for(backend: str) -> Any:
 
 
 def precision_of(folder: Path) -> str | None:
-    """The `variant` that a checkpoint is stored in: None (full) or "fp16"."""
+    """Returns the `variant` of the checkpoint's files for diffusers: None for full precision, or "fp16"."""
     return None if (folder / "unet" / f"{_MODEL}.safetensors").is_file() else "fp16"
 
 
 def local_only(folder: Path) -> dict[str, Any]:
-    """Arguments of `from_pretrained` that keep it off the network and off pickles."""
+    """Returns arguments of `from_pretrained` that forbid downloads and pickles."""
     return {"local_files_only": True, "use_safetensors": True, "variant": precision_of(folder)}
 
 
 def latent_noise(noise: torch.Tensor, factor: int) -> torch.Tensor:
-    """White noise at 1/factor of the resolution, N(0, 1): block means times the factor.
+    """Reduces white noise [B, C, P, P] to [B, C, P/factor, P/factor], N(0, 1): block means times the factor.
 
-    Patch origins are multiples of the factor, so neighbouring patches see the same values where they overlap.
+    Patch origins are multiples of the factor, so neighbouring patches have the same values where they overlap.
     """
     return F.avg_pool2d(noise, factor) * factor
 
 
 def default_device() -> str:
-    """CUDA where there is one."""
+    """Returns "cuda" if there is a CUDA device, else "cpu"."""
     return "cuda" if torch.cuda.is_available() else "cpu"
 
 
 def precision_named(name: str, device: str) -> torch.dtype:
-    """The precision that a job asks for; `auto`: half on CUDA, single elsewhere.
+    """Returns the torch type of a precision name; `auto` is half precision on CUDA and single elsewhere.
 
     Raises:
-        JobError: there is no such precision.
+        JobError: the name is unknown.
     """
     if name == "auto":
         return torch.float16 if device == "cuda" else torch.float32
@@ -71,13 +72,15 @@ def precision_named(name: str, device: str) -> torch.dtype:
     return PRECISIONS[name]
 
 
-def placed(model: Any, device: str, precision: torch.dtype) -> Any:
-    """A network on its device, frozen, its convolutions laid out channels last."""
+def prepare_model(model: Any, device: str, precision: torch.dtype) -> Any:
+    """Moves a network to a device, freezes it and stores its convolutions channels last."""
     model = model.to(device, precision).requires_grad_(False).eval()
     return model.to(memory_format=torch.channels_last)
 
 
-def srgb(linear: torch.Tensor) -> torch.Tensor:
-    """Linear to sRGB code values (IEC 61966-2-1), clipped to [0, 1]."""
-    x = linear.clamp(0, 1)
-    return torch.where(x <= 0.0031308, 12.92 * x, 1.055 * x.clamp_min(0.0031308) ** (1 / 2.4) - 0.055)
+def encode_srgb(linear: torch.Tensor) -> torch.Tensor:
+    """Encodes linear Rec.709 [..., 3, H, W] as sRGB code values (IEC 61966-2-1), clipped to [0, 1]."""
+    from kornia.color import linear_rgb_to_rgb  # imported here: the embedded model does without kornia
+
+    coded: torch.Tensor = linear_rgb_to_rgb(linear.clamp(0, 1))
+    return coded

@@ -1,4 +1,4 @@
-"""Marigold-IID "appearance" (Ke et al. 2025) through diffusers: the recommended large backend."""
+"""Backend for Marigold-IID "appearance" (Ke et al. 2025) through diffusers: the recommended large backend."""
 
 from __future__ import annotations
 
@@ -8,72 +8,65 @@ from typing import Any
 import torch
 
 from yesnt.core.errors import JobError
-from yesnt.decompose.backend import Licence
 from yesnt.decompose.global_context import ContextBatch
 from yesnt.decompose.latents import (
     default_device,
     diffusers_for,
+    encode_srgb,
     latent_noise,
     local_only,
-    placed,
     precision_named,
-    srgb,
+    prepare_model,
 )
 from yesnt.decompose.published import MARIGOLD
 from yesnt.decompose.threads import one_thread
 
 
 class MarigoldBackend:
-    """Samples the material target of Marigold-IID, one member a draw.
+    """Samples the material target of Marigold-IID.
 
-    It takes sRGB-coded colour and gives linear roughness (red) and metallicity (green). Per member it equals a direct
-    call of `MarigoldIntrinsicsPipeline` with `latents` and native resolution; the picture is encoded once for all
+    The model takes sRGB-encoded colour and returns linear roughness (red) and metallic (green). A member equals a
+    direct call of `MarigoldIntrinsicsPipeline` with `latents` at native resolution. The image is encoded once for all
     members, and only the material target is decoded.
 
     Args:
-        folder: local checkpoint; nothing is ever downloaded.
-        steps: denoising steps, the checkpoint's own number by default.
-        patch: side of a patch, the checkpoint's processing resolution by default.
-        batch: rows of every call; another number differs in the last bits.
+        folder: local checkpoint; nothing is downloaded.
+        steps: denoising steps; 0: the number that the checkpoint states.
+        patch: side of a patch in pixels; 0: the processing resolution that the checkpoint states.
+        batch: rows of every call; another number changes the last bits.
         precision: auto, float32, float16 or bfloat16.
 
     Raises:
         MissingPartError: diffusers is not installed.
-        JobError: a file is absent, or the checkpoint has no material target or a scheduler that draws its own noise.
+        JobError: a file is missing, or the checkpoint has no material target or a scheduler that draws its own noise.
     """
 
-    name = "marigold"
-    licence = Licence("OpenRAIL++-M", commercial=True)
-
-    def __init__(
-        self, folder: Path, steps: int | None = None, patch: int | None = None, batch: int = 1, precision: str = "auto"
-    ) -> None:
+    def __init__(self, folder: Path, steps: int = 0, patch: int = 0, batch: int = 1, precision: str = "auto") -> None:
         MARIGOLD.check(folder)
         self._pipeline, self._device, self.batch = _load(folder), default_device(), batch
         dtype = precision_named(precision, self._device)
         self._pipeline.to(self._device, dtype)
         for model in (self._pipeline.unet, self._pipeline.vae):
-            placed(model, self._device, dtype)
+            prepare_model(model, self._device, dtype)
         self._target = _material_target(self._pipeline, folder)
         self.align = int(self._pipeline.vae_scale_factor)
         self.patch = patch or int(self._pipeline.default_processing_resolution)
         self.nfe = steps or int(self._pipeline.default_denoising_steps)
         self.noise_sigmas = (0.0,) * int(self._pipeline.unet.config.out_channels)
-        self.weights_digest = MARIGOLD.digest(folder)
         self._text = _empty_prompt(self._pipeline)
 
     @one_thread()
     @torch.no_grad()
     def encode(self, rgb: torch.Tensor, matte: torch.Tensor, context: ContextBatch) -> torch.Tensor:
-        """[B, 3, P, P] to the picture's latents [B, 4, P/8, P/8]; the matte has already blackened what is outside."""
+        """Encodes linear colour [B, 3, P, P] to latents [B, 4, P/8, P/8]. Outside the matte colour is black already."""
         vae = self._pipeline.vae
-        coded = 2 * srgb(rgb.to(self._device, vae.dtype)) - 1
+        coded = 2 * encode_srgb(rgb.to(self._device, vae.dtype)) - 1
         return vae.encode(coded).latent_dist.mode() * vae.config.scaling_factor
 
     @one_thread()
     @torch.no_grad()
     def sample(self, condition: torch.Tensor, noise: torch.Tensor) -> torch.Tensor:
-        """Denoises the latents of all targets, decodes the material."""
+        """Denoises the latents of all targets and decodes the material, [B, 2, P, P] in [0, 1]."""
         pipeline = self._pipeline
         latent = latent_noise(noise.to(condition), self.align)
         pipeline.scheduler.set_timesteps(self.nfe, device=latent.device)
@@ -96,7 +89,11 @@ def _load(folder: Path) -> Any:
 
 
 def _material_target(pipeline: Any, folder: Path) -> int:
-    """Position of the material among the targets; also refuses what would break determinism."""
+    """Returns the index of the material target.
+
+    Raises:
+        JobError: there is no material target, or the scheduler draws noise of its own, which would break determinism.
+    """
     names = list((pipeline.target_properties or {}).get("target_names", ()))
     if "material" not in names:
         raise JobError(
@@ -117,7 +114,7 @@ def _material_target(pipeline: Any, folder: Path) -> int:
 
 @torch.no_grad()
 def _empty_prompt(pipeline: Any) -> torch.Tensor:
-    """Embedding of the empty text [1, n, c], padded by nothing, as the model was trained."""
+    """Embedding of the empty prompt [1, n, c] without padding, as in the training of the model."""
     tokens = pipeline.tokenizer("", padding="do_not_pad", truncation=True, return_tensors="pt").input_ids
     embedding: torch.Tensor = pipeline.text_encoder(tokens.to(pipeline.device))[0]
     return embedding.to(pipeline.dtype)

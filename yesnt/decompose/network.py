@@ -1,4 +1,4 @@
-"""The embedded model's network: a U-Net that reads the picture once and a small one that turns noise into materials."""
+"""Network of the embedded model: a U-Net that estimates the mean materials, and a small denoiser that draws samples."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from torch.nn import functional as F
 
 from yesnt.decompose.auxiliary import AuxiliaryPredictor
 from yesnt.decompose.global_context import ContextBatch
-from yesnt.decompose.statistics import STATISTICS, colour_code, surroundings
+from yesnt.decompose.statistics import STATISTICS, colour_code, local_statistics
 
 
 @dataclass(frozen=True)
@@ -21,13 +21,13 @@ class NetworkShape:
     """Sizes of the network.
 
     Attributes:
-        widths: channels of the reading U-Net at 1/2, 1/4, 1/8, ... of the resolution.
-        depths: residual blocks per level on the way down.
-        condition: channels handed to the denoiser at 1/2 resolution, the two of the expected material among them.
+        widths: channels of the estimator at 1/2, 1/4, 1/8, ... of the resolution.
+        depths: residual blocks per level of its encoder.
+        condition: channels that the estimator returns at 1/2 resolution; the first two are the expected material.
         denoiser: channels of the denoiser at 1/2 and 1/4 resolution.
-        smooth_planes: noise planes besides the two of the state.
-        context: channels of the U-Net that reads the whole subject, at 1/2, 1/4, ... of the small picture.
-        auxiliary: hidden channels of the perceptron that gives a second opinion; none: there is no second opinion.
+        smooth_planes: blurred noise planes that the denoiser takes besides the two of the state.
+        context: channels of the context encoder at 1/2, 1/4, ... of the context image.
+        auxiliary: channels of the two hidden layers of the auxiliary predictor; empty: there is none.
     """
 
     widths: tuple[int, ...] = (32, 64, 128, 208)
@@ -40,16 +40,16 @@ class NetworkShape:
 
     @property
     def denoiser_condition(self) -> int:
-        """Channels of what the denoiser is told: with a second opinion also how far the two are apart."""
+        """Channels of the denoiser's condition: two more for the difference of an auxiliary predictor."""
         return self.condition + (2 if self.auxiliary else 0)
 
     def header(self) -> str:
-        """The sizes as JSON."""
+        """Returns the sizes as JSON for the header of a weights file."""
         return json.dumps(asdict(self))
 
     @classmethod
     def from_header(cls, text: str) -> NetworkShape:
-        """Reads what `header` wrote."""
+        """Parses what `header` returned."""
         values: dict[str, Any] = json.loads(text)
         return cls(**{name: _frozen(value) for name, value in values.items()})
 
@@ -60,26 +60,26 @@ def _frozen(value: Any) -> Any:
 
 
 class PixelNorm(nn.LayerNorm):
-    """Layer norm over the channels of each pixel: a patch's empty surroundings do not enter, unlike with group norm.
+    """Layer norm over the channels of each pixel.
 
-    No scale and shift of its own: the convolution that follows has them, and their gradients, sums over all pixels, are
-    wrong by half in bfloat16.
+    Unlike group norm it does not mix in the empty surroundings of a subject. It has no affine parameters: the next
+    convolution provides them, and their gradients, which are sums over all pixels, are off by half in bfloat16.
     """
 
     def __init__(self, channels: int) -> None:
         super().__init__(channels, elementwise_affine=False)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """[B, C, h, w] -> the same."""
+        """[B, C, h, w] to the same shape."""
         return super().forward(x.permute(0, 2, 3, 1)).permute(0, 3, 1, 2)
 
 
-class Norm(nn.BatchNorm2d):
-    """Norm of the estimator: each channel over all pixels of a training batch, as a fixed scale afterwards.
+class ChannelNorm(nn.BatchNorm2d):
+    """Batch norm of the estimator: running statistics per channel, a fixed scale and shift at inference.
 
-    A norm over the channels of a pixel let one common vector grow in the coarse levels until nothing else was left of
-    them (`tests/benchmarks/decompose_estimator.py` silences each): the network then saw colours and no shapes. Here every
-    channel has to vary. A row's result depends on that row alone, since what is used is the running statistics.
+    With norms over the channels of a pixel, one common vector grew in the coarse levels until it hid all other features
+    (`tests/benchmarks/decompose_estimator.py` zeroes each level), and the network used colour only. Batch norm forces
+    every channel to vary. Inference uses running statistics, so the result of a row depends on that row only.
     """
 
     def __init__(self, channels: int) -> None:
@@ -87,18 +87,23 @@ class Norm(nn.BatchNorm2d):
 
 
 class ResidualBlock(nn.Module):
-    """Residual block of two 3x3 convolutions; `time` scales and shifts the middle (0 channels: not conditioned)."""
+    """Residual block of two 3x3 convolutions with optional feature-wise linear modulation (FiLM, Perez et al. 2018).
+
+    Args:
+        channels: input and output channels.
+        time_channels: channels of the time embedding that scales and shifts the hidden features; 0: no modulation.
+    """
 
     def __init__(self, channels: int, time_channels: int = 0) -> None:
         super().__init__()
-        self.norm = PixelNorm(channels) if time_channels else Norm(channels)
+        self.norm = PixelNorm(channels) if time_channels else ChannelNorm(channels)
         self.first = nn.Conv2d(channels, channels, 3, padding=1)
         self.second = nn.Conv2d(channels, channels, 3, padding=1)
         self.modulation = nn.Linear(time_channels, 2 * channels) if time_channels else None
         nn.init.zeros_(self.second.weight)
 
     def forward(self, x: torch.Tensor, time: torch.Tensor | None = None) -> torch.Tensor:
-        """[B, C, h, w] -> the same."""
+        """[B, C, h, w] and, if modulated, the time embedding [B, time_channels] to [B, C, h, w]."""
         middle = self.first(self.norm(x))
         if self.modulation is not None and time is not None:
             scale, shift = self.modulation(time)[:, :, None, None].chunk(2, 1)
@@ -107,9 +112,9 @@ class ResidualBlock(nn.Module):
 
 
 class SkipMerge(nn.Module):
-    """Brings coarse features up to a finer level and joins them with what that level saw itself."""
+    """Upsamples coarse features and adds the features of the encoder at the finer level (skip connection)."""
 
-    def __init__(self, fine: int, coarse: int, norm: type[nn.Module] = Norm) -> None:
+    def __init__(self, fine: int, coarse: int, norm: type[nn.Module] = ChannelNorm) -> None:
         super().__init__()
         self.norm_fine, self.norm_coarse = norm(fine), norm(coarse)
         self.fine = nn.Conv2d(fine, fine, 3, padding=1)
@@ -118,82 +123,86 @@ class SkipMerge(nn.Module):
     def forward(self, fine: torch.Tensor, coarse: torch.Tensor) -> torch.Tensor:
         """[B, F, 2h, 2w] and [B, C, h, w] to [B, F, 2h, 2w].
 
-        Both are normalised first: coarse features grow louder and would drown the edges.
+        Both are normalised first, because coarse features have larger magnitudes and would dominate the sum.
         """
         raised = F.interpolate(self.coarse(self.norm_coarse(coarse)), scale_factor=2, mode="nearest")
         return F.silu(self.fine(self.norm_fine(fine)) + raised)
 
 
 class GlobalPooling(nn.Module):
-    """Tells every place of the coarsest level what the patch shows on the whole, over the matte."""
+    """Adds a projection of the mean features over the matte to every location of the coarsest level."""
 
     def __init__(self, channels: int) -> None:
         super().__init__()
-        self.norm = Norm(channels)
+        self.norm = ChannelNorm(channels)
         last = nn.Linear(channels, channels)
         nn.init.zeros_(last.weight)
         self.mix = nn.Sequential(nn.Linear(channels, channels), nn.SiLU(), last)
 
     def forward(self, x: torch.Tensor, cover: torch.Tensor) -> torch.Tensor:
-        """[B, C, h, w] and coverage [B, 1, h, w] to [B, C, h, w]."""
+        """Features [B, C, h, w] and coverage [B, 1, h, w] to [B, C, h, w]."""
         mean = (self.norm(x) * cover).sum((2, 3)) / cover.sum((2, 3)).clamp_min(1e-3)
         return x + self.mix(mean)[:, :, None, None]
 
 
 class ContextEncoder(nn.Module):
-    """Reads the whole subject in small; its features say of a patch where on the subject it lies."""
+    """U-Net over the image of the whole subject. Its features tell where on the subject a patch lies.
+
+    Args:
+        widths: channels at 1/2, 1/4, ... of the image.
+    """
 
     def __init__(self, widths: tuple[int, ...]) -> None:
         super().__init__()
         pairs = list(pairwise(widths))
         self.stem = nn.Conv2d(24, widths[0], 3, padding=1)
         self.levels = nn.ModuleList(ResidualBlock(width) for width in (*widths, widths[-1]))
-        self.downsamples = nn.ModuleList(nn.Sequential(Norm(a), nn.Conv2d(a, b, 2, stride=2)) for a, b in pairs)
-        # The finest level is read on the way down only: a patch knows its own detail.
+        self.downsamples = nn.ModuleList(nn.Sequential(ChannelNorm(a), nn.Conv2d(a, b, 2, stride=2)) for a, b in pairs)
+        # The finest level has no decoder stage: the patch itself holds finer detail.
         self.skips = nn.ModuleList(SkipMerge(a, b) for a, b in pairs[1:])
         self.up_blocks = nn.ModuleList(ResidualBlock(a) for a, _ in pairs[1:])
-        self.norm = Norm(widths[1])
+        self.norm = ChannelNorm(widths[1])
 
-    def forward(self, picture: torch.Tensor) -> torch.Tensor:
-        """[B, 4, S, S] straight rgb and matte to [B, widths[1], S/4, S/4]."""
-        rgb, matte = picture[:, :3], picture[:, 3:]
-        across = torch.linspace(-1, 1, picture.shape[-1], device=picture.device).expand_as(matte)
+    def forward(self, image: torch.Tensor) -> torch.Tensor:
+        """Straight rgb and matte [B, 4, S, S] to features [B, widths[1], S/4, S/4]."""
+        rgb, matte = image[:, :3], image[:, 3:]
+        across = torch.linspace(-1, 1, image.shape[-1], device=image.device).expand_as(matte)
         planes = [colour_code(rgb) * (matte > 0), matte, across, across.transpose(2, 3)]
         x = self.stem(F.pixel_unshuffle(torch.cat(planes, 1), 2))
-        seen = []
+        fine_features = []
         for number, level in enumerate(self.levels[:-1]):
             if number:
-                seen.append(x)
+                fine_features.append(x)
                 x = self.downsamples[number - 1](x)
             x = level(x)
         x = self.levels[-1](x)
         for skip, up_block, fine in zip(
-            reversed(self.skips), reversed(self.up_blocks), reversed(seen[1:]), strict=True
+            reversed(self.skips), reversed(self.up_blocks), reversed(fine_features[1:]), strict=True
         ):
             x = up_block(skip(fine, x))
         return self.norm(x)
 
 
-def at_patch(features: torch.Tensor, place: torch.Tensor, cells: int) -> torch.Tensor:
-    """Features of the whole at the places of a patch's cells.
+def sample_at_patch(features: torch.Tensor, location: torch.Tensor, cells: int) -> torch.Tensor:
+    """Samples features of the whole subject at the cells of a patch.
 
     Args:
-        features: [B, C, h, w] over the small picture.
-        place: [B, 3] top, left and side of the patch in sides of that picture.
-        cells: per side of the patch.
+        features: [B, C, h, w] over the square of the context image.
+        location: [B, 3] top, left and side of the patch in units of the side of that square.
+        cells: samples per side of the patch, at cell centres.
 
     Returns:
-        [B, C, cells, cells]; beyond the picture's edge its nearest value.
+        [B, C, cells, cells], bilinear; beyond the square the nearest value.
     """
-    steps = (torch.arange(cells, device=place.device) + 0.5) / cells
-    rows = place[:, 0:1] + place[:, 2:] * steps
-    columns = place[:, 1:2] + place[:, 2:] * steps
+    steps = (torch.arange(cells, device=location.device) + 0.5) / cells
+    rows = location[:, 0:1] + location[:, 2:] * steps
+    columns = location[:, 1:2] + location[:, 2:] * steps
     grid = torch.stack([columns[:, None, :].expand(-1, cells, -1), rows[:, :, None].expand(-1, -1, cells)], -1)
     return F.grid_sample(features, 2 * grid - 1, mode="bilinear", padding_mode="border", align_corners=False)
 
 
 class Estimator(nn.Module):
-    """RGB and matte to what is expected and features, at half the resolution."""
+    """U-Net that maps rgb, matte and global context to the expected material and features, at half the resolution."""
 
     def __init__(self, shape: NetworkShape) -> None:
         super().__init__()
@@ -205,34 +214,45 @@ class Estimator(nn.Module):
             nn.Sequential(*(ResidualBlock(width) for _ in range(depth)))
             for width, depth in zip(widths, shape.depths, strict=True)
         )
-        self.downsamples = nn.ModuleList(nn.Sequential(Norm(a), nn.Conv2d(a, b, 2, stride=2)) for a, b in pairs)
+        self.downsamples = nn.ModuleList(nn.Sequential(ChannelNorm(a), nn.Conv2d(a, b, 2, stride=2)) for a, b in pairs)
         self.context = ContextEncoder(shape.context)
         self.context_projection = nn.Conv2d(shape.context[1], widths[-2], 1)
         self.global_pooling = GlobalPooling(widths[-1])
         self.skips = nn.ModuleList(SkipMerge(a, b) for a, b in pairs)
         self.up_blocks = nn.ModuleList(ResidualBlock(a) for a, _ in pairs)
-        self.out = nn.Sequential(Norm(widths[0]), nn.Conv2d(widths[0], shape.condition, 1))
+        self.out = nn.Sequential(ChannelNorm(widths[0]), nn.Conv2d(widths[0], shape.condition, 1))
 
     def forward(self, rgb: torch.Tensor, matte: torch.Tensor, context: ContextBatch) -> torch.Tensor:
-        """Reads a patch.
+        """Estimates the materials of a patch.
 
         Args:
-            rgb: [B, 3, P, P] linear.
-            matte: [B, 1, P, P]; P a multiple of 2^levels.
-            context: the whole subject, and where on it the patch lies.
+            rgb: [B, 3, P, P] linear Rec.709, straight.
+            matte: [B, 1, P, P] coverage; P a multiple of 2^levels.
+            context: image of the whole subject and location of the patch.
 
         Returns:
-            [B, condition, P/2, P/2]; channels 0 and 1 are the expected roughness and metallic, -1 .. 1 for 0 .. 1.
+            [B, condition, P/2, P/2]; channels 0 and 1 are expected roughness and metallic, scaled from [0, 1] to [-1,
+            1].
         """
         return self.from_features(rgb, matte, self.context(context.image), context.location)
 
     def from_features(
-        self, rgb: torch.Tensor, matte: torch.Tensor, whole: torch.Tensor, place: torch.Tensor
+        self, rgb: torch.Tensor, matte: torch.Tensor, context: torch.Tensor, location: torch.Tensor
     ) -> torch.Tensor:
-        """As `forward`, with the features of the whole [B, C, h, w] at hand."""
+        """As `forward`, from features of the context encoder.
+
+        Args:
+            rgb: [B, 3, P, P] linear Rec.709, straight.
+            matte: [B, 1, P, P] coverage.
+            context: [B, C, h, w] features that `ContextEncoder` returned.
+            location: [B, 3] location of the patch, as in `ContextBatch`.
+
+        Returns:
+            [B, condition, P/2, P/2], as in `forward`.
+        """
         code = colour_code(rgb) * (matte > 0)
         with torch.no_grad():
-            statistics = surroundings(code, matte)
+            statistics = local_statistics(code, matte)
         x = self.stem(F.pixel_unshuffle(torch.cat([code, matte], 1), 2)) + self.statistics(statistics)
         fine = []
         for number, level in enumerate(self.levels):
@@ -240,7 +260,7 @@ class Estimator(nn.Module):
                 fine.append(x)
                 x = self.downsamples[number - 1](x)
             if number == len(self.levels) - 2:
-                x = x + self.context_projection(at_patch(whole, place, x.shape[-1]))
+                x = x + self.context_projection(sample_at_patch(context, location, x.shape[-1]))
             x = level(x)
         x = self.global_pooling(x, F.avg_pool2d(matte, matte.shape[-1] // x.shape[-1]))
         for skip, up_block, seen in zip(reversed(self.skips), reversed(self.up_blocks), reversed(fine), strict=True):
@@ -249,10 +269,10 @@ class Estimator(nn.Module):
 
 
 class Denoiser(nn.Module):
-    """One step: noisy materials, smooth noise and condition to a draw of clean materials.
+    """One step of the sampler: maps noisy materials, smooth noise and condition to a sample of the clean materials.
 
-    It is trained with a proper scoring rule (`training/losses.py`), hence its output is a sample of
-    p(x0 | x_t, picture), not the mean. The smooth noise planes make draws differ.
+    It is trained with the energy score (`yesnt.training.losses.energy_score`), a proper scoring rule. Its output is
+    therefore a sample of p(x_0 | x_t, image) and not the mean; the smooth noise planes make samples differ.
     """
 
     def __init__(self, shape: NetworkShape) -> None:
@@ -269,16 +289,16 @@ class Denoiser(nn.Module):
     def forward(
         self, state: torch.Tensor, smooth: torch.Tensor, condition: torch.Tensor, time: torch.Tensor
     ) -> torch.Tensor:
-        """SamplePairs clean materials.
+        """Draws a sample of the clean materials.
 
         Args:
-            state: [B, 2, P, P] x_t, about unit variance.
-            smooth: [B, smooth_planes, P, P] noise.
-            condition: [B, told, P/2, P/2].
-            time: [B] in (0, 1], 1 is pure noise.
+            state: [B, 2, P, P] x_t of about unit variance.
+            smooth: [B, smooth_planes, P, P] standard normal, blurred.
+            condition: [B, denoiser_condition, P/2, P/2]; channels 0 and 1 are the expected material in [-1, 1].
+            time: [B] diffusion time in (0, 1]; 1 is pure noise.
 
         Returns:
-            [B, 2, P, P], -1 .. 1 stands for 0 .. 1 of the materials.
+            [B, 2, P, P] roughness and metallic, scaled from [0, 1] to [-1, 1], not clipped.
         """
         angle = time[:, None] * (torch.pi / 2)
         embedding = self.time(torch.cat([angle.sin(), angle.cos()], 1))
@@ -287,13 +307,13 @@ class Denoiser(nn.Module):
         middle = self.down(top)
         for block in self.middle:
             middle = block(middle, embedding)
-        change = F.pixel_shuffle(self.out(self.last(self.skip(top, middle), embedding)), 2)
-        # SamplePairs spread about what the estimator predicts_mean; the noise need not carry what is known already.
-        return change + F.interpolate(condition[:, :2], scale_factor=2, mode="bilinear", align_corners=False)
+        deviation = F.pixel_shuffle(self.out(self.last(self.skip(top, middle), embedding)), 2)
+        # The network predicts the deviation from the mean, so it need not reproduce the mean from noise.
+        return deviation + F.interpolate(condition[:, :2], scale_factor=2, mode="bilinear", align_corners=False)
 
 
 class Network(nn.Module):
-    """Estimator and denoiser together, and who is asked for a second opinion."""
+    """Estimator, denoiser and, if the shape says so, auxiliary predictor."""
 
     def __init__(self, shape: NetworkShape) -> None:
         super().__init__()
@@ -304,6 +324,15 @@ class Network(nn.Module):
 
 
 def noised(clean: torch.Tensor, noise: torch.Tensor, time: torch.Tensor) -> torch.Tensor:
-    """x_t = cos(pi t / 2) x_0 + sin(pi t / 2) noise (variance preserving, cosine schedule); time [B]."""
+    """Diffuses clean values: x_t = cos(pi t / 2) x_0 + sin(pi t / 2) noise (variance preserving, cosine schedule).
+
+    Args:
+        clean: [B, 2, P, P] x_0.
+        noise: [B, 2, P, P] standard normal.
+        time: [B] in [0, 1].
+
+    Returns:
+        [B, 2, P, P] x_t.
+    """
     angle = time[:, None, None, None] * (torch.pi / 2)
     return angle.cos() * clean + angle.sin() * noise

@@ -1,4 +1,4 @@
-"""Noise of one ensemble member on the whole frame, at several spatial scales."""
+"""Noise of one ensemble member over the whole frame, at several spatial scales."""
 
 from __future__ import annotations
 
@@ -14,7 +14,14 @@ Float32 = NDArray[np.float32]
 def ensemble_noise(
     key: tuple[int, int, int], size: tuple[int, int], sigmas: tuple[float, ...], paired: bool
 ) -> Float32:
-    """Noise of member k in an ensemble; if `paired`, an odd member has the negated field of the one before it."""
+    """Returns the noise of a member, [len(sigmas), H, W].
+
+    Args:
+        key: (job seed, frame, member).
+        size: rows and columns.
+        sigmas: Gaussian blur in pixels per plane, 0 for white noise.
+        paired: an odd member has the negated field of the even member before it.
+    """
     seed, frame, member = key
     if not paired:
         return member_noise(key, *size, sigmas)
@@ -23,19 +30,20 @@ def ensemble_noise(
 
 
 def member_noise(key: tuple[int, int, int], height: int, width: int, sigmas: tuple[float, ...]) -> Float32:
-    """Standard normal planes of one member; patches crop them.
+    """Returns standard normal planes of one member, which patches crop.
 
-    White noise alone would tell neighbouring patches nothing in common about what a whole garment is made of: they
-    would choose apart and their blend would lose spread. Smooth planes of the same frame-wide field let them agree.
+    With white noise only, neighbouring patches would choose the material of a garment independently, and blending would
+    reduce the spread. Smooth planes of one field over the frame correlate their choices.
 
     Args:
         key: (job seed, frame, member).
         height: rows.
         width: columns.
-        sigmas: one per plane: Gaussian blur in pixels, 0 for white.
+        sigmas: Gaussian blur in pixels per plane, 0 for white noise.
 
     Returns:
-        [len(sigmas), H, W] float32, every value N(0, 1); the blur is periodic, hence stationary up to the border.
+        [len(sigmas), H, W] float32, every value N(0, 1). The blur is periodic, so the field is stationary up to the
+        border.
     """
     seed, frame, member = key
     planes = noise_field(seed, frame, member, height, width, len(sigmas))

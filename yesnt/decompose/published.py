@@ -1,4 +1,4 @@
-"""The published checkpoints that backends read: which files each must have, and where it is published. No torch."""
+"""Published checkpoints of the backends: required files and where they are published. No torch."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _STABLE_DIFFUSION = (
     _either_precision("text_encoder", _TEXT),
     "tokenizer/tokenizer_config.json",
 )
-"""A Stable Diffusion checkpoint as diffusers saves it."""
+"""Layout of a Stable Diffusion checkpoint as diffusers saves it."""
 
 MARIGOLD = Published(
     "Marigold-IID appearance", "prs-eth/marigold-iid-appearance-v1-1 (Hugging Face)", _STABLE_DIFFUSION
@@ -42,7 +42,7 @@ DIFFUSION_RENDERER = Published(
         _either_precision("vae", _MODEL),
     ),
 )
-"""Stable Video Diffusion's parts without its image encoder: the model is run with empty cross-attention."""
+"""Parts of Stable Video Diffusion without the image encoder, which the model does not use."""
 
 COSMOS = Published(
     "DiffusionRenderer-Cosmos",
@@ -58,4 +58,4 @@ COSMOS = Published(
         "checkpoints/Cosmos-Tokenize1-CV8x8x8-720p/image_mean_std.pt",
     ),
 )
-"""A checkout with its own environment: it is run as a process of its own."""
+"""A checkout with its own Python environment; it runs as a process of its own."""

@@ -1,8 +1,8 @@
-"""A keyframe's estimate carried along the flow to a frame before it, so that little must be drawn there.
+"""Reuse of a keyframe's estimate: propagated along the optical flow to an earlier frame, of which less has to be drawn.
 
-Flow leads from a frame to the next, so a frame between keyframes takes from the keyframe after it: it looks its own
-pixels up there, with the same warp that the temporal energy uses. Which frames are keyframes follows from their
-positions alone, hence every frame's result depends on its key and not on who was computed first.
+Flow leads from a frame to the next. A frame between keyframes therefore uses the keyframe after it and looks its
+pixels up there, with the warp of the temporal energy. Which frames are keyframes depends on their positions only, so
+the result of a frame does not depend on the order of computation.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Prior:
-    """What is known of a frame before anything is drawn; planes are (roughness, metallic).
+    """Estimate of a frame before anything is drawn; planes are (roughness, metallic).
 
     Attributes:
-        mean: [2, H, W].
-        std: [2, H, W] of the members that the mean was made of.
-        known: [H, W] where the two above mean anything.
+        mean: [2, H, W] in [0, 1].
+        std: [2, H, W] standard deviation of the members behind the mean.
+        known: [H, W] where mean and std are valid.
     """
 
     mean: Float32
@@ -39,7 +39,7 @@ class Prior:
 
 @dataclass(frozen=True)
 class Link:
-    """The way from one frame to the next.
+    """Optical flow from one frame to the next.
 
     Attributes:
         flow: [H, W, 2] pixels (dx, dy), t -> t+1.
@@ -53,39 +53,47 @@ class Link:
 def propagate_keyframe(
     mean: Float32, std: Float32, links: Sequence[Link], mattes: Sequence[Mask], settings: EnsembleSettings
 ) -> Prior:
-    """The keyframe's estimate at the pixels of an earlier frame.
+    """Warps the estimate of a keyframe to an earlier frame.
 
     Args:
         mean: [2, H, W] of the keyframe.
         std: [2, H, W] of the keyframe.
-        links: from the earlier frame to the keyframe, in order of time; at least one.
-        mattes: [H, W] bool of every frame from the earlier one to the keyframe: one more than links.
+        links: flow from the earlier frame to the keyframe, in order of time; at least one.
+        mattes: [H, W] bool, of every frame from the earlier one to the keyframe: one more than links.
         settings: thresholds of validity and confidence.
+
+    Returns:
+        The estimate at the earlier frame; `known` where the chained flow is valid and the keyframe's confidence
+        suffices.
     """
     flow, validity = links[-1].flow, links[-1].validity
     for link, now, then in zip(links[-2::-1], mattes[-3::-1], mattes[-2::-1], strict=False):
-        onward, seen = sample_next(np.concatenate([flow, validity[..., None]], axis=-1), link.flow, now, then)
-        flow, validity = link.flow + onward[..., :2], link.validity * onward[..., 2] * seen
-    planes, seen = sample_next(np.concatenate([mean, std]).transpose(1, 2, 0), flow, mattes[0], mattes[-1])
-    carried = planes.transpose(2, 0, 1)
-    sure = confidence(carried[2:], LARGEST_STD).min(axis=0) >= settings.reuse_confidence
-    return Prior(carried[:2], carried[2:], seen & sure & (validity >= settings.reuse_validity))
+        onward, inside = sample_next(np.concatenate([flow, validity[..., None]], axis=-1), link.flow, now, then)
+        flow, validity = link.flow + onward[..., :2], link.validity * onward[..., 2] * inside
+    planes, inside = sample_next(np.concatenate([mean, std]).transpose(1, 2, 0), flow, mattes[0], mattes[-1])
+    propagated = planes.transpose(2, 0, 1)
+    confident = confidence(propagated[2:], LARGEST_STD).min(axis=0) >= settings.reuse_confidence
+    return Prior(propagated[:2], propagated[2:], inside & confident & (validity >= settings.reuse_validity))
 
 
-def join(drawn: Prior, share: Float32, prior: Prior, matte: Float32) -> Prior:
-    """Members drawn in some patches, blended into the estimate that was carried; the mixture's mean and deviation.
+def combine(drawn: Prior, weight: Float32, prior: Prior, matte: Float32) -> Prior:
+    """Blends drawn members into a propagated estimate; mean and deviation are those of the mixture.
 
     Args:
-        drawn: of the members; known where any patch was drawn.
-        share: [H, W] in [0, 1], the windows' share of the patches that were drawn: the seam is as smooth as theirs.
-        prior: the carried estimate.
-        matte: [H, W] coverage. Pixels of it that neither knows take the value of the nearest that is known and the
-            largest deviation, so that they weigh nothing in the temporal solve.
+        drawn: estimate from the members; known where any patch was drawn.
+        weight: [H, W] in [0, 1], sum of the blending windows of the drawn patches, so that seams are as smooth as
+            theirs.
+        prior: the propagated estimate.
+        matte: [H, W] coverage in [0, 1].
+
+    Returns:
+        The mixture, 0 outside the matte. Pixels of the matte that neither estimate covers take the mean of the nearest
+        covered pixel and the largest deviation, hence the least confidence.
     """
-    own = np.where(drawn.known, share, 0)
-    given = np.where(prior.known, 1 - own, 0)
-    total = own + given
-    weights = [np.divide(part, total, out=np.zeros_like(total), where=total > 0) for part in (own, given)]
+    own = np.where(drawn.known, weight, 0)
+    other = np.where(prior.known, 1 - own, 0)
+    total = own + other
+    weights = [np.divide(part, total, out=np.zeros_like(total), where=total > 0) for part in (own, other)]
     mean = weights[0] * drawn.mean + weights[1] * prior.mean
     square = weights[0] * (drawn.std**2 + (drawn.mean - mean) ** 2)
     square += weights[1] * (prior.std**2 + (prior.mean - mean) ** 2)

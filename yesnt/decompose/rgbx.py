@@ -1,4 +1,4 @@
-"""RGB-X (Zeng et al. 2024), the RGB to X model, through diffusers' parts; weights for non-commercial use only."""
+"""Backend for RGB-X (Zeng et al. 2024), the RGB to X model, through parts of diffusers; non-commercial weights."""
 
 from __future__ import annotations
 
@@ -7,15 +7,14 @@ from typing import Any
 
 import torch
 
-from yesnt.decompose.backend import Licence
 from yesnt.decompose.global_context import ContextBatch
 from yesnt.decompose.latents import (
     default_device,
     diffusers_for,
     latent_noise,
     local_only,
-    placed,
     precision_named,
+    prepare_model,
 )
 from yesnt.decompose.published import RGBX
 from yesnt.decompose.threads import one_thread
@@ -24,22 +23,19 @@ _PROMPTS = ("Roughness", "Metallicness")
 
 
 class RgbxBackend:
-    """One denoising run per quantity, chosen by prompt; takes linear colour, gives the first channel.
+    """Denoises one quantity per prompt; takes linear colour and uses the first output channel.
 
     Args:
-        folder: local checkpoint; nothing is ever downloaded.
-        steps: denoising steps of each quantity.
-        patch: side of a patch; the authors feed pictures of about 1000 pixels.
-        batch: rows of every call; another number differs in the last bits.
+        folder: local checkpoint; nothing is downloaded.
+        steps: denoising steps per quantity.
+        patch: side of a patch in pixels; the authors use images of about 1000 pixels.
+        batch: rows of every call; another number changes the last bits.
         precision: auto, float32, float16 or bfloat16.
 
     Raises:
         MissingPartError: diffusers or transformers is not installed.
-        JobError: a file is absent.
+        JobError: a file is missing.
     """
-
-    name = "rgbx"
-    licence = Licence("Adobe-Research", commercial=False)
 
     def __init__(
         self, folder: Path, steps: int = 50, patch: int = 768, batch: int = 1, precision: str = "auto"
@@ -47,11 +43,11 @@ class RgbxBackend:
         RGBX.check(folder)
         self._device, self.batch = default_device(), batch
         dtype = precision_named(precision, self._device)
-        diffusers, options = diffusers_for(self.name), local_only(folder)
+        diffusers, options = diffusers_for("rgbx"), local_only(folder)
         self._unet = diffusers.UNet2DConditionModel.from_pretrained(folder, subfolder="unet", **options)
         self._vae = diffusers.AutoencoderKL.from_pretrained(folder, subfolder="vae", **options)
         for model in (self._unet, self._vae):
-            placed(model, self._device, dtype)
+            prepare_model(model, self._device, dtype)
         # The authors override the stored schedule: zero terminal SNR, trailing steps.
         stored = diffusers.DDIMScheduler.load_config(folder, subfolder="scheduler", local_files_only=True)
         self._scheduler = diffusers.DDIMScheduler.from_config(
@@ -63,12 +59,11 @@ class RgbxBackend:
         self.patch = patch
         self.nfe = steps * len(_PROMPTS)
         self.noise_sigmas = (0.0,) * (int(self._unet.config.out_channels) * len(_PROMPTS))
-        self.weights_digest = RGBX.digest(folder)
 
     @one_thread()
     @torch.no_grad()
     def encode(self, rgb: torch.Tensor, matte: torch.Tensor, context: ContextBatch) -> torch.Tensor:
-        """[B, 3, P, P] to the picture's latents [B, 4, P/8, P/8]."""
+        """Encodes linear colour [B, 3, P, P] to latents [B, 4, P/8, P/8]. Outside the matte colour is black already."""
         linear = 2 * rgb.to(self._device, self._vae.dtype).clamp(0, 1) - 1
         latent: torch.Tensor = self._vae.encode(linear).latent_dist.mode() * self._vae.config.scaling_factor
         return latent
@@ -76,7 +71,7 @@ class RgbxBackend:
     @one_thread()
     @torch.no_grad()
     def sample(self, condition: torch.Tensor, noise: torch.Tensor) -> torch.Tensor:
-        """Both quantities, each from noise of its own."""
+        """Draws both quantities, each from its own half of the noise channels, [B, 2, P, P] in [0, 1]."""
         latents = latent_noise(noise.to(condition), self.align).chunk(len(_PROMPTS), 1)
         planes = [self._run(condition, latent, text) for latent, text in zip(latents, self._texts, strict=True)]
         return torch.cat(planes, 1).float()
@@ -94,7 +89,7 @@ class RgbxBackend:
 
 @torch.no_grad()
 def _embedding(folder: Path, prompt: str, options: dict[str, Any]) -> torch.Tensor:
-    """Text features of a prompt padded to the encoder's length."""
+    """Text embedding of a prompt padded to the length of the encoder."""
     from transformers import CLIPTextModel, CLIPTokenizer
 
     tokenizer = CLIPTokenizer.from_pretrained(folder, subfolder="tokenizer", local_files_only=True)

@@ -1,4 +1,4 @@
-"""Parameters of the ensemble: light to import, so that a job can be checked and planned without a network."""
+"""Settings of the ensemble. Importing it imports no torch: jobs are checked and planned without a network."""
 
 from __future__ import annotations
 
@@ -9,22 +9,23 @@ from itertools import pairwise
 
 @dataclass(frozen=True)
 class EnsembleSettings:
-    """How many members are drawn and where.
+    """How many members are drawn, and where.
 
     Attributes:
         samples: members K; with a tolerance, the most that a patch may get.
-        overlap: least overlap of neighbouring patches, as a fraction of the patch's side, in [0, 1).
-        tolerance: standard error of the mean (roughness or metallic, 1 = full range) at which a patch gets no more
-            members; 0 draws all K everywhere.
-        antithetic: members 2j and 2j + 1 share one noise field with opposite signs. Each is as good a draw as any, but
-            what is odd in the noise leaves the mean: two members then serve the mean of roughness as well as eight.
-        first: members drawn before the tolerance is looked at; then the number is doubled in every round.
-        keyframe_step: every so many frames one is drawn in full; those between take its estimate along the flow and
-            draw only where that fails. 1: every frame is drawn in full.
-        reuse_validity: validity of the flow along the whole way to the keyframe below which a pixel is drawn anew.
-        reuse_confidence: confidence of the keyframe's estimate (the lesser of roughness and metallic) below which
-            a pixel is drawn anew.
-        reuse_share: a patch of a frame between keyframes is not drawn if the estimate reaches this share of its matte.
+        overlap: least overlap of neighbouring patches as a fraction of their side, in [0, 1).
+        tolerance: standard error of the mean of roughness or metallic (in their unit, 1 = full range) at which a patch
+            gets no more members; 0: all K members are drawn everywhere.
+        antithetic: members 2j and 2j + 1 use one noise field with opposite signs. Each member keeps its distribution,
+            and the parts of the result that are odd in the noise cancel in the mean: for the mean of roughness two
+            members are as good as eight independent ones.
+        first: members drawn before the tolerance is tested; each further round doubles the number.
+        keyframe_step: every so many frames one is drawn in full. The frames between use its estimate along the flow and
+            draw only the patches that it does not cover. 1: every frame is drawn in full.
+        reuse_validity: least validity of the flow along the whole way to the keyframe; pixels below are not reused.
+        reuse_confidence: least confidence of the keyframe's estimate (of roughness and metallic); pixels below are not
+            reused.
+        reuse_share: a patch between keyframes is not drawn if the reused estimate covers this fraction of its matte.
     """
 
     samples: int = 8
@@ -38,10 +39,10 @@ class EnsembleSettings:
     reuse_share: float = 0.9
 
     def __post_init__(self) -> None:
-        """Refuses what has no meaning.
+        """Checks the ranges.
 
         Raises:
-            ValueError: a field is out of its range.
+            ValueError: a field is out of its range; names it.
         """
         if self.samples < 1 or self.first < 2:
             raise ValueError(f"samples {self.samples} must be at least 1 and first {self.first} at least 2")
@@ -56,7 +57,7 @@ class EnsembleSettings:
                 raise ValueError(f"{name} {getattr(self, name)} must be in [0, 1]")
 
     def rounds(self) -> tuple[range, ...]:
-        """Member numbers of every round: all in one without a tolerance, else 2, 2, 4, 8, ... of them."""
+        """Returns the member numbers of each round: one round without a tolerance, else 2, 2, 4, 8, ... members."""
         if self.tolerance == 0:
             return (range(self.samples),)
         edges = [0, min(self.first, self.samples)]
@@ -66,22 +67,28 @@ class EnsembleSettings:
 
 
 REUSE_ONLY = ("keyframe_step", "reuse_validity", "reuse_confidence", "reuse_share")
-"""Fields that a frame's result depends on only if it takes a keyframe's estimate."""
+"""Settings that only affect frames that reuse a keyframe's estimate."""
 
 
 def keyframe_after(position: int, length: int, step: int) -> int:
-    """Position of the keyframe that a frame takes from: itself, the next multiple of `step`, or the last frame."""
+    """Position of the keyframe that a frame uses: the next multiple of `step`, or the last frame.
+
+    Args:
+        position: position of the frame in the shot.
+        length: frames of the shot.
+        step: positions from one keyframe to the next.
+    """
     return min(-(-position // step) * step, length - 1)
 
 
 def keyframes_taken(frames: Sequence[int], step: int, dead: Set[int], unlinked: Set[int]) -> dict[int, int]:
-    """Frame -> the keyframe whose estimate it takes; keyframes themselves are not in it.
+    """Maps frames to the keyframes whose estimate they use. Keyframes are not in it.
 
-    A frame that cannot reach its keyframe is one.
+    A frame that cannot reach its keyframe is drawn in full, and so is not in it either.
 
     Args:
         frames: numbers of the shot, in order.
-        step: of keyframes, in positions.
+        step: positions from one keyframe to the next.
         dead: frames that cannot be decomposed.
         unlinked: frames without flow to the next.
     """

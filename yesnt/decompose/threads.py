@@ -1,4 +1,4 @@
-"""The number of threads that a network runs on: one, so that its bits are the same everywhere."""
+"""Thread count of network inference: one, so that results have the same bits on every machine."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import torch
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Runs torch on one thread inside, as before outside; also a decorator.
+    """Context manager and decorator that runs torch on one thread and restores the count afterwards.
 
-    Small convolutions are summed in another order by two threads (up to 5e-6 in one layer). What runs side by side is
-    frames, a process each, so nothing is lost.
+    Two threads sum small convolutions in another order (differences up to 5e-6 in one layer). Parallelism comes from
+    frames in separate processes, so a single thread costs no throughput.
     """
     before = torch.get_num_threads()
     torch.set_num_threads(1)

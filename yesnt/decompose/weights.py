@@ -1,8 +1,7 @@
-"""Weights of the embedded model as safetensors of 8 and 16 bits with the network's shape in the header."""
+"""Weights file of the embedded model: safetensors with 8- and 16-bit values; its header holds the network's sizes."""
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -14,28 +13,31 @@ from yesnt.core.errors import CorruptError, JobError
 from yesnt.decompose.network import Network, NetworkShape
 
 FORMAT = "2"
-"""Version of the file: 2 since the tensors carry the names `estimator`, `denoiser` and `auxiliary`."""
+"""Version of the file: 2 since the tensors are named `estimator`, `denoiser` and `auxiliary`."""
 
 SMOOTH_SIGMAS = (4.0, 16.0, 64.0)
-"""Blur in pixels of the noise planes that steer a draw: from a seam to a whole garment."""
+"""Blur in pixels of the smooth noise planes, from the width of a seam to that of a garment."""
 
 PATCH = 128
-"""Side of the patches that weights are made for."""
-
-SHIPPED = Path(__file__).parent.parent / "data" / "weights" / "embedded.safetensors"
-"""The weights in the package."""
+"""Side in pixels of the patches that the network is trained on."""
 
 _SCALE = ".scale"
-"""Ends the name of the scales that belong to a tensor of 8 bits."""
+"""Suffix of the name of the scales of an 8-bit tensor."""
 
 _LEVELS = 127
-"""Steps on either side of 0."""
+"""Quantisation steps on either side of 0."""
 
 Tensors = dict[str, torch.Tensor]
 
 
 def save_weights(network: Network, path: Path, patch: int = PATCH) -> None:
-    """Writes weights whole or not at all."""
+    """Writes the weights of a network atomically, by renaming a finished file.
+
+    Args:
+        network: network to store; its values are quantised (`packed`).
+        path: file to write.
+        patch: side of the patches in pixels.
+    """
     tensors = packed(network.state_dict())
     part = path.with_suffix(".part")
     save_file(tensors, part, {"format": FORMAT, "shape": network.shape.header(), "patch": str(patch)})
@@ -47,11 +49,11 @@ def load_weights(path: Path) -> tuple[Network, int]:
     """Reads a network.
 
     Returns:
-        The network in float32, in evaluation mode, and its patch side.
+        The network in float32 and evaluation mode, without gradients, and its patch side in pixels.
 
     Raises:
-        JobError: there is no such file.
-        CorruptError: the file is not what `save_weights` writes.
+        JobError: there is no such file, or it has another format.
+        CorruptError: the file is not one that `save_weights` wrote.
     """
     if not path.is_file():
         raise JobError(
@@ -81,8 +83,8 @@ def load_weights(path: Path) -> tuple[Network, int]:
 
 
 def _refuse_other_formats(header: Mapping[str, str], path: Path) -> None:
-    """Refuses weights whose tensors carry the names of another version; files of version 1 state none."""
-    found = header.get("format", "1")
+    """Raises JobError for weights of another format, whose tensors have other names."""
+    found = header.get("format", "1 or unknown")  # format 1 did not state itself
     if found != FORMAT:
         raise JobError(
             f"the weights have format {found}",
@@ -93,10 +95,9 @@ def _refuse_other_formats(header: Mapping[str, str], path: Path) -> None:
 
 
 def packed(state: Tensors) -> Tensors:
-    """Filters as 8 bits with a scale for every output channel, all else as 16 bits.
+    """Quantises a state dict: filters to 8 bits with a scale per output channel, everything else to 16 bits.
 
-    A quarter of the numbers' size is a two-hundredth of their channel's largest in error; to pack what was unpacked
-    changes nothing.
+    The error is at most 1/254 of the largest weight of the channel. Packing unpacked values changes nothing.
     """
     tensors = {}
     for name, value in state.items():
@@ -111,7 +112,7 @@ def packed(state: Tensors) -> Tensors:
 
 
 def unpacked(tensors: Tensors) -> Tensors:
-    """What `packed` wrote as float32; a file of 16 bits throughout, as older ones are, is read as well."""
+    """Returns float32 tensors of what `packed` returned; 16-bit tensors without scales are converted."""
     state = {}
     for name, value in tensors.items():
         if name.endswith(_SCALE):
@@ -123,14 +124,8 @@ def unpacked(tensors: Tensors) -> Tensors:
 
 
 def channels_last(network: Network) -> Network:
-    """Lays the weights out as the CPU's convolutions like them."""
+    """Stores the convolution weights channels last, the fastest layout on CPUs, and returns the network."""
     for parameter in network.parameters():
         if parameter.dim() == 4:
             parameter.data = parameter.data.contiguous(memory_format=torch.channels_last)
     return network
-
-
-def file_digest(path: Path) -> str:
-    """SHA-256 of a file, hexadecimal."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

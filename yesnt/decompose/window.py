@@ -1,8 +1,8 @@
-"""Windows of frames for video backends: where they lie, their members' mean and spread, and how they are blended.
+"""Windows of frames for video backends: layout, mean and spread of their members, and blending over time.
 
-A window is a task. Its estimate is a mean and a spread a frame; where windows overlap, the two are mixed with
-raised-cosine weights in time. Disagreement of two windows becomes spread, so the temporal solve trusts a seam less and
-bridges it along the flow.
+A window is one task. It yields a mean and a spread per frame. Where windows overlap, they are mixed with raised-cosine
+weights over time. Disagreement of two windows increases the spread, which lowers the weight of a seam in the temporal
+solve, so that it is bridged along the flow.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ Float32 = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Window:
-    """Frames that are drawn together.
+    """Frames that are processed together.
 
     Attributes:
         index: number of the window.
         lane: windows of one lane do not overlap, so that each lane can be stored as one sequence.
         span: positions in the shot; shorter than the model's window only if the shot is.
-        weights: of each of its frames; over all windows they sum to 1 at every position.
+        weights: weight of each frame; over all windows they sum to 1 at every position.
     """
 
     index: int
@@ -40,7 +40,12 @@ class Window:
 
 
 def plan_windows(length: int, footprint: Footprint) -> tuple[Window, ...]:
-    """Windows that cover `length` frames, spread evenly; a shot shorter than one window gives one."""
+    """Returns evenly spread windows that cover `length` frames; a shot shorter than one window gives one.
+
+    Args:
+        length: frames of the shot.
+        footprint: window size and overlap of the backend.
+    """
     size, overlap = min(footprint.window, length), min(footprint.overlap, footprint.window - 1)
     origins = patch_origins(length, size, min(overlap, size - 1))
     lanes = 1 + max((sum(o < later < o + size for later in origins) for o in origins), default=0)
@@ -52,20 +57,20 @@ def plan_windows(length: int, footprint: Footprint) -> tuple[Window, ...]:
 
 
 def make_clip(rgb: Sequence[Float32], matte: Sequence[Float32], frames: Sequence[int], length: int) -> Clip:
-    """A clip as long as the model wants it: the last frame is repeated, its number counts on.
+    """Builds a clip of the length that the model takes, repeating the last frame with consecutive frame numbers.
 
     Args:
         rgb: [H, W, 3] each, straight linear Rec.709.
-        matte: [H, W] each.
-        frames: their numbers.
-        length: of the clip, at least that many.
+        matte: [H, W] each, coverage in [0, 1].
+        frames: frame numbers.
+        length: frames of the clip, at least as many as given.
 
     Raises:
         ValueError: a colour inside the matte is not finite.
     """
-    last, lacking = len(frames) - 1, length - len(frames)
-    chosen = [*range(len(frames)), *[last] * lacking]
-    numbers = (*frames, *(frames[last] + i for i in range(1, lacking + 1)))
+    last, missing = len(frames) - 1, length - len(frames)
+    chosen = [*range(len(frames)), *[last] * missing]
+    numbers = (*frames, *(frames[last] + i for i in range(1, missing + 1)))
     mattes = np.stack([matte[i] for i in chosen]).astype(np.float32)
     colors = np.stack([np.where(matte[i][..., None] > 0, rgb[i], 0) for i in chosen]).astype(np.float32)
     if not np.isfinite(colors).all():
@@ -75,7 +80,13 @@ def make_clip(rgb: Sequence[Float32], matte: Sequence[Float32], frames: Sequence
 
 @dataclass(frozen=True)
 class ClipEstimate:
-    """Mean and population standard deviation [F, 2, H, W] of a clip, 0 outside the matte; members that were drawn."""
+    """Materials of a clip.
+
+    Attributes:
+        mean: [F, 2, H, W] in [0, 1], 0 outside the matte.
+        std: [F, 2, H, W] population standard deviation over members, 0 outside the matte.
+        members: number of members that were drawn.
+    """
 
     mean: Float32
     std: Float32
@@ -83,20 +94,20 @@ class ClipEstimate:
 
 
 def estimate_clip(clip: Clip, backend: VideoBackend, settings: EnsembleSettings, seed: int) -> ClipEstimate:
-    """SamplePairs members of a clip until the standard error of their mean is small enough everywhere in the mean.
+    """Draws members of a clip until the standard error of their mean is within the tolerance.
 
     Args:
-        clip: the window's frames.
+        clip: frames of the window.
         backend: the sampler.
         settings: members and tolerance.
-        seed: the job's seed.
+        seed: seed of the job.
     """
     inside = (clip.matte > 0)[:, None]
     mean = np.zeros((len(clip.frames), 2, *clip.matte.shape[1:]), np.float32)
     squares, count = np.zeros_like(mean), 0
     if inside.any():
         for members in settings.rounds():
-            if count and settings.tolerance and _settled(squares, inside, count, settings):
+            if count and settings.tolerance and _converged(squares, inside, count, settings):
                 break
             for value in backend.draw(clip, seed, members, settings):
                 count += 1
@@ -107,20 +118,23 @@ def estimate_clip(clip: Clip, backend: VideoBackend, settings: EnsembleSettings,
     return ClipEstimate(np.where(inside, mean, 0), np.where(inside, std, 0), count)
 
 
-def _settled(squares: Float32, inside: NDArray[np.bool_], count: int, settings: EnsembleSettings) -> bool:
-    """Whether the standard error (root mean square over the matte, the worse plane) is within the tolerance."""
+def _converged(squares: Float32, inside: NDArray[np.bool_], count: int, settings: EnsembleSettings) -> bool:
+    """Whether the standard error is within the tolerance: its root mean square over the matte, in the worse plane."""
     freedom = count - (0 if settings.antithetic else 1)
     error = (squares * inside).sum((0, 2, 3)) / (inside.sum() * count * max(freedom, 1))
     return bool(error.max() <= settings.tolerance**2)
 
 
 def blend(means: Sequence[Float32], stds: Sequence[Float32], weights: Sequence[float]) -> tuple[Float32, Float32]:
-    """Mean and deviation [2, H, W] of a frame that several windows know: those of their mixture.
+    """Mixes the estimates of a frame from several windows.
 
     Args:
         means: [2, H, W] of each window.
         stds: [2, H, W] of each window.
-        weights: of each window, summing to 1.
+        weights: weight of each window, summing to 1.
+
+    Returns:
+        Mean and standard deviation [2, H, W] of the mixture.
     """
     mean = np.zeros_like(means[0])
     for one, weight in zip(means, weights, strict=True):

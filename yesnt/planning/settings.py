@@ -11,6 +11,7 @@ from yesnt.core.errors import JobError
 from yesnt.core.shot import Knob, Shot
 
 if TYPE_CHECKING:
+    from yesnt.decompose.registry import KnobSpec
     from yesnt.decompose.settings import EnsembleSettings
     from yesnt.relight.settings import RelightSettings
     from yesnt.temporal.flow import FlowSettings
@@ -34,13 +35,7 @@ def backend_knobs(shot: Shot) -> dict[str, Knob]:
     known = _knobs_of(shot.decompose.backend)
     own = {name: value for name, value in shot.decompose.knobs.items() if name in known}
     for name, value in own.items():
-        if type(value) is not known[name] or (type(value) is int and value < (0 if "overlap" in name else 1)):
-            raise JobError(
-                f"The knob {name!r} is {value!r}",
-                "key decompose.knobs",
-                f"a positive {known[name].__name__}",
-                "mend it",
-            )
+        known[name].check(name, value)
     return own
 
 
@@ -50,8 +45,8 @@ def weights_path(root: str, shot: Shot) -> Path | None:
     return None if weights is None else Path(root) / Path(weights).expanduser()
 
 
-def _knobs_of(backend: str) -> Mapping[str, type]:
-    """Names and types of a backend's knobs; none of an unknown one, which is refused elsewhere."""
+def _knobs_of(backend: str) -> Mapping[str, KnobSpec]:
+    """Declared knobs of a backend; none of an unknown backend, which the preflight refuses."""
     from yesnt.decompose.registry import ENTRIES
 
     return ENTRIES[backend].knobs if backend in ENTRIES else {}

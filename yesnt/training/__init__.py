@@ -1,1 +1,1 @@
-"""Makes the embedded model: pictures of people and things with known materials, and the training on them."""
+"""Training of the embedded model: synthetic images of people and objects with known materials, and the optimisation."""

@@ -1,4 +1,4 @@
-"""Trains the perceptron of the second opinion on kept features of the backbone, which itself is left as published."""
+"""Trains the perceptron of the auxiliary predictor on stored features of the backbone, which stays frozen."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ log = logging.getLogger("yesnt.train")
 
 @dataclass(frozen=True)
 class AuxiliarySettings:
-    """What determines the perceptron.
+    """Everything that determines the perceptron.
 
     Attributes:
-        seed: of its first weights and of the order of examples.
-        people: people of the archive that it learns from or is judged on, at most.
-        objects: objects of the archive, likewise.
-        widths: of its hidden layers.
-        steps: of training.
-        batch: places per step.
+        seed: seed of the initial weights and of the order of samples.
+        people: most people of the archive for training and validation.
+        objects: most procedural objects of the archive for training and validation.
+        widths: channels of the two hidden layers.
+        steps: training steps.
+        batch: samples per step.
         rate: highest learning rate.
-        dropout: share of the first layer that is silenced in a step.
+        dropout: dropout probability of the first hidden layer.
     """
 
     seed: int = 0
@@ -50,11 +50,18 @@ class AuxiliarySettings:
 
 
 class Perceptron(nn.Module):
-    """Standardised features to roughness, metallic (-1 .. 1 for 0 .. 1) and classes; those are for training only."""
+    """Perceptron on standardised features.
 
-    def __init__(self, settings: AuxiliarySettings, places: FeatureSamples) -> None:
+    It predicts roughness and metallic, scaled from [0, 1] to [-1, 1], and class scores, which serve training only.
+
+    Args:
+        settings: sizes and dropout.
+        samples: training samples, from which mean and deviation of the features are taken.
+    """
+
+    def __init__(self, settings: AuxiliarySettings, samples: FeatureSamples) -> None:
         super().__init__()
-        sample = torch.from_numpy(places.features[:: max(1, len(places.features) // 100_000)]).float()
+        sample = torch.from_numpy(samples.features[:: max(1, len(samples.features) // 100_000)]).float()
         self.mean, self.spread = sample.mean(0), sample.std(0).clamp_min(1e-3)
         first, second = settings.widths
         self.first = nn.Linear(sample.shape[1], first)
@@ -63,12 +70,16 @@ class Perceptron(nn.Module):
         self.dropout = nn.Dropout(settings.dropout)
 
     def forward(self, features: torch.Tensor) -> torch.Tensor:
-        """[n, C] to [n, 2 + classes]."""
+        """Features [n, C] to [n, 2 + classes]."""
         x = self.dropout(torch.relu(self.first((features - self.mean) / self.spread)))
         return self.last(torch.relu(self.second(x)))
 
-    def auxiliary(self, backbone: Backbone) -> AuxiliaryPredictor:
-        """As part of the network: features are standardised by the first layer's weights."""
+    def predictor(self, backbone: Backbone) -> AuxiliaryPredictor:
+        """Returns the predictor of the network, with the standardisation merged into the weights of the first layer.
+
+        Args:
+            backbone: backbone of the predictor.
+        """
         auxiliary = AuxiliaryPredictor(self.first.out_features, self.second.out_features)
         auxiliary.backbone = backbone
         weight = self.first.weight.data / self.spread
@@ -85,26 +96,35 @@ def _as_convolution(linear: nn.Linear, rows: int) -> dict[str, torch.Tensor]:
 
 
 def make_auxiliary(
-    folder: Path, settings: AuxiliarySettings, learnt: Sequence[Path], kept: Sequence[Path]
+    folder: Path, settings: AuxiliarySettings, training: Sequence[Path], held_out: Sequence[Path]
 ) -> AuxiliaryPredictor:
-    """The second opinion, from the folder if it is there.
+    """Trains the auxiliary predictor, or loads it from the folder if it is there.
 
     Args:
-        folder: of the training; `auxiliary.safetensors` is written to it.
-        settings: of the perceptron.
-        learnt: files of the archive that it learns from.
-        kept: files that it is only judged on.
+        folder: folder of the training; `auxiliary.safetensors` is written to it.
+        settings: settings of the perceptron.
+        training: archive files of the subjects to train on.
+        held_out: archive files of other subjects, for validation only.
+
+    Returns:
+        The predictor in evaluation mode, without gradients.
+
+    Raises:
+        MissingPartError: the package with the published backbone is not installed.
+        JobError: its file is another version.
     """
     path = folder / "auxiliary.safetensors"
     if not path.exists():
         backbone = published_backbone()
-        told, judged = (open_samples([*extract_all(folder, settings.seed, p, backbone)]) for p in (learnt, kept))
-        log.info("%d places to learn from, %d to judge by", len(told.kind), len(judged.kind))
-        perceptron = train_perceptron(settings, told)
-        log.info("auxiliary: error of roughness and metallic %s where it has learnt, %s elsewhere",
-                 errors(perceptron, told), errors(perceptron, judged))  # fmt: skip
+        learning, validation = (
+            open_samples([*extract_all(folder, settings.seed, p, backbone)]) for p in (training, held_out)
+        )
+        log.info("%d training samples, %d validation samples", len(learning.kind), len(validation.kind))
+        perceptron = train_perceptron(settings, learning)
+        log.info("auxiliary predictor: RMSE of roughness and metallic %s on training, %s on validation samples",
+                 errors(perceptron, learning), errors(perceptron, validation))  # fmt: skip
         part = path.with_suffix(".part")
-        state = perceptron.auxiliary(backbone).state_dict()
+        state = perceptron.predictor(backbone).state_dict()
         save_file({name: value.contiguous() for name, value in state.items()}, part)
         part.replace(path)
     auxiliary = AuxiliaryPredictor(*settings.widths)
@@ -113,33 +133,39 @@ def make_auxiliary(
 
 
 @torch.no_grad()
-def errors(perceptron: Perceptron, places: FeatureSamples) -> tuple[float, float]:
-    """Root mean square error of roughness and metallic over at most 100,000 places, each in [0, 1]."""
-    some = slice(None, None, max(1, len(places.kind) // 100_000))
-    told = (perceptron(torch.from_numpy(places.features[some]).float())[:, :2].clamp(-1, 1) + 1) / 2
-    roughness, metallic = (told - torch.from_numpy(places.truth[some]).float()).square().mean(0).sqrt().tolist()
+def errors(perceptron: Perceptron, samples: FeatureSamples) -> tuple[float, float]:
+    """Returns the RMSE of roughness and metallic, in units of [0, 1], over at most 100,000 samples."""
+    some = slice(None, None, max(1, len(samples.kind) // 100_000))
+    predicted = (perceptron(torch.from_numpy(samples.features[some]).float())[:, :2].clamp(-1, 1) + 1) / 2
+    roughness, metallic = (predicted - torch.from_numpy(samples.truth[some]).float()).square().mean(0).sqrt().tolist()
     return round(roughness, 4), round(metallic, 4)
 
 
-def train_perceptron(settings: AuxiliarySettings, places: FeatureSamples) -> Perceptron:
-    """Trains anew: a few minutes, so nothing is kept in between."""
+def train_perceptron(settings: AuxiliarySettings, samples: FeatureSamples) -> Perceptron:
+    """Trains a perceptron from scratch. It takes minutes, so there are no checkpoints."""
     torch.manual_seed(settings.seed)
-    perceptron = Perceptron(settings, places)
+    perceptron = Perceptron(settings, samples)
     optimiser = torch.optim.AdamW(perceptron.parameters(), lr=settings.rate, weight_decay=0.05)
     rng = np.random.Generator(np.random.Philox(key=[settings.seed, 3_000_000_000]))
     for step in range(settings.steps):
         optimiser.param_groups[0]["lr"] = settings.rate * rate_schedule(step, settings.steps)
-        loss = perceptron_loss(perceptron, places, rng.integers(0, len(places.kind), settings.batch))
+        loss = perceptron_loss(perceptron, samples, rng.integers(0, len(samples.kind), settings.batch))
         optimiser.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
         optimiser.step()
     return perceptron.eval()
 
 
-def perceptron_loss(perceptron: Perceptron, places: FeatureSamples, rows: NDArray[np.integer]) -> torch.Tensor:
-    """The loss that the estimator's own picture of the whole has, at some places."""
-    features, truth, kind = (torch.from_numpy(plane[rows]) for plane in places)
+def perceptron_loss(perceptron: Perceptron, samples: FeatureSamples, rows: NDArray[np.integer]) -> torch.Tensor:
+    """Returns the loss of some samples, the same as that of the context head (`context_loss`).
+
+    Args:
+        perceptron: perceptron to evaluate.
+        samples: all samples.
+        rows: indices of the samples that count.
+    """
+    features, truth, kind = (torch.from_numpy(plane[rows]) for plane in samples)
     scores = perceptron(features.float())[..., None, None]
     cover = torch.ones(len(rows), 1)
-    told = torch.cat([truth.float(), cover], 1)[..., None, None]
-    return context_loss(scores, told, kind.long()[:, None, None], torch.from_numpy(class_weights()))
+    target = torch.cat([truth.float(), cover], 1)[..., None, None]
+    return context_loss(scores, target, kind.long()[:, None, None], torch.from_numpy(class_weights()))

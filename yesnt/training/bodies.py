@@ -1,4 +1,4 @@
-"""Bodies of the training people: shapes drawn from a seed, made by the parametric human, posed at random."""
+"""Bodies of the synthetic people: shapes drawn from a seed, made by the parametric human model, and random poses."""
 
 from __future__ import annotations
 
@@ -10,12 +10,18 @@ from yesnt.capture_stage.pose import Array, Body, arm, fist, leg, turn
 from yesnt.capture_stage.tools import Tools, run_anny
 
 PHENOTYPE = ("gender", "age", "muscle", "weight", "height", "proportions")
+"""Shape parameters of the parametric human model that are drawn."""
 BODIES = 24
-"""Different bodies that people are made from."""
+"""Number of different bodies."""
 
 
 def draw_phenotype(seed: int, number: int) -> dict[str, float]:
-    """The number-th body's shape: 0..1 each, from the age of a youth on."""
+    """Draws the shape of a body: parameters in [0, 1] by name; age begins at youth.
+
+    Args:
+        seed: seed of the training.
+        number: number of the body.
+    """
     rng = np.random.Generator(np.random.Philox(key=[seed, 7_000_000 + number]))
     values = rng.beta(1.4, 1.4, len(PHENOTYPE))
     values[PHENOTYPE.index("age")] = rng.uniform(0.45, 1.0)
@@ -23,10 +29,18 @@ def draw_phenotype(seed: int, number: int) -> dict[str, float]:
 
 
 def make_bodies(seed: int, folder: Path, tools: Tools) -> tuple[Path, ...]:
-    """Rest bodies as files; what is there already is not made again.
+    """Makes the bodies in rest pose as files; existing files are kept.
+
+    Args:
+        seed: seed of the training.
+        folder: folder of the files.
+        tools: where the parametric human model is installed.
+
+    Returns:
+        Paths of the bodies.
 
     Raises:
-        MissingPartError: the parametric human is not installed.
+        MissingPartError: the parametric human model is not installed.
     """
     folder.mkdir(parents=True, exist_ok=True)
     paths = tuple(folder / f"body.{seed}.{number:03d}.npz" for number in range(BODIES))
@@ -37,7 +51,15 @@ def make_bodies(seed: int, folder: Path, tools: Tools) -> tuple[Path, ...]:
 
 
 def draw_pose(rng: np.random.Generator, body: Body) -> dict[str, Array]:
-    """Standing, stepping or gesturing: every joint within what a body does."""
+    """Draws a standing, stepping or gesturing pose within the range of motion of every joint.
+
+    Args:
+        rng: source of every choice.
+        body: body in rest pose.
+
+    Returns:
+        Rotation [3, 3] by name of bone.
+    """
     step = rng.normal(0, 14)
     pose = {
         **leg("L", step + rng.uniform(0, 12), abs(rng.normal(0, 18)), rng.normal(0, 4)),

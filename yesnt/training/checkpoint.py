@@ -1,4 +1,4 @@
-"""A training's state on disk, whole or not at all."""
+"""Checkpoint files of a training."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import torch
 
 
 def write_state(path: Path, state: Mapping[str, Any]) -> None:
-    """Writes tensors and numbers beside their place and renames; `torch.load(path, weights_only=True)` reads them."""
+    """Writes tensors and numbers atomically; `torch.load(path, weights_only=True)` reads them."""
     part = path.with_suffix(".part")
     torch.save(dict(state), part)
     part.replace(path)

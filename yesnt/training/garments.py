@@ -1,6 +1,7 @@
-"""SamplePairs what a training person wears: garments by place, each painted with a material of a likely class.
+"""Random garments of the synthetic people: regions of the body, each painted with a material of a likely class.
 
-FeatureSamples are fields of `yesnt.capture_stage.wardrobe`; nothing here is an garments of the stage's subjects.
+Regions are intervals of the fields of `yesnt.capture_stage.wardrobe`. No garment equals one of the subjects of the
+capture stage, on which the model is evaluated.
 """
 
 from __future__ import annotations
@@ -33,13 +34,13 @@ _ARMOUR: Classes = (*METALS, *METALS, "leather", "plastic")
 
 @dataclass
 class Garments:
-    """Garments in the order they are put on: the last covers those before it.
+    """Garments in the order in which they are put on; a later one covers those before it.
 
     Attributes:
         rng: source of every choice.
-        style: what the wearer likes.
-        layers: place and thickness of each garment.
-        paints: its material, a `MATERIAL` record each.
+        style: colour and print statistics of the materials.
+        layers: region and thickness of each garment.
+        paints: `MATERIAL` record of each garment.
     """
 
     rng: np.random.Generator
@@ -47,10 +48,18 @@ class Garments:
     layers: list[Layer] = field(default_factory=list)
     paints: list[NDArray[np.void]] = field(default_factory=list)
 
-    def wear(
+    def add(
         self, name: str, where: tuple[Between, ...], material: NDArray[np.void], thick: float = 0.0, soft: float = 0.015
     ) -> None:
-        """Puts a garment on; `thick` and `soft` in metres."""
+        """Adds a garment.
+
+        Args:
+            name: name of the garment.
+            where: intervals of the wardrobe's fields that bound the region.
+            material: `MATERIAL` record.
+            thick: thickness in metres.
+            soft: width of the edge in metres.
+        """
         ends = (_color(material["base"]), _color(material["second"]))
         rough = float(material["roughness"])
         metal = float(material["metallic"])
@@ -58,19 +67,19 @@ class Garments:
         self.paints.append(material)
 
     def paint(self, classes: Classes = ()) -> NDArray[np.void]:
-        """A new material of one of the classes, or of any where none is named."""
+        """Draws a material of one of the classes, or of a class from the prior if none is given."""
         return paint(self.rng, str(self.rng.choice(classes)) if classes else draw_class(self.rng), self.style)
 
     def chance(self, probability: float) -> bool:
-        """True so often."""
+        """Returns True with the given probability."""
         return bool(self.rng.random() < probability)
 
-    def coat(self) -> Coat:
-        """The garments as the stage's wardrobe takes them."""
+    def frozen_layers(self) -> Coat:
+        """Returns the garments in the form that the wardrobe of the capture stage takes."""
         return tuple(self.layers)
 
     def materials(self) -> NDArray[np.void]:
-        """One record a garment."""
+        """Returns the `MATERIAL` records of the garments as one array."""
         return np.array(self.paints, dtype=MATERIAL)
 
 
@@ -80,34 +89,39 @@ def _color(values: NDArray[np.float32]) -> tuple[float, float, float]:
 
 
 def draw_garments(rng: np.random.Generator, style: MaterialStyle = DEFAULT_STYLE) -> Garments:
-    """Dresses a person from the skin outwards."""
+    """Draws the garments of a person, from the skin outwards.
+
+    Args:
+        rng: source of every choice.
+        style: colour and print statistics of the materials.
+    """
     garments = Garments(rng, style)
-    _bare(garments)
+    _body(garments)
     _legs(garments)
     _shoes(garments)
     if garments.chance(0.9):
         _top(garments)
     if garments.chance(0.3):
-        _over(garments)
+        _jacket(garments)
     _waist(garments)
     _arms(garments)
     _armour(garments)
     return garments
 
 
-def _bare(garments: Garments) -> None:
+def _body(garments: Garments) -> None:
     rng, skin = garments.rng, garments.paint(("skin",))
-    garments.wear("skin", (), skin)
+    garments.add("skin", (), skin)
     lips, eyes = skin.copy(), garments.paint(("ceramic",))
     lips["base"] *= (0.85, 0.55, 0.5)
     lips["roughness"] = rng.uniform(0.25, 0.4)
     mouth = (_HEAD, Between("z", 1.588, 1.612), Between("y", -_FAR, -0.135), Between("x", -0.024, 0.024))
-    garments.wear("lips", mouth, lips)
+    garments.add("lips", mouth, lips)
     eyes["base"], eyes["second"], eyes["contrast"] = 0.55, 0.45, 0.2
-    garments.wear("eyes", (Between("eyes", 0.5),), eyes)
+    garments.add("eyes", (Between("eyes", 0.5),), eyes)
     if garments.chance(0.9):
         line = Between("scalp", rng.uniform(-0.03, 0.02))
-        garments.wear("hair", (_HEAD, line), garments.paint(_CAP), rng.uniform(0.004, 0.026), 0.02)
+        garments.add("hair", (_HEAD, line), garments.paint(_CAP), rng.uniform(0.004, 0.026), 0.02)
 
 
 def _legs(garments: Garments) -> None:
@@ -116,63 +130,63 @@ def _legs(garments: Garments) -> None:
     length = rng.choice(["long", "short", "skirt"], p=[0.6, 0.22, 0.18])
     low = {"long": rng.uniform(0.08, 0.25), "short": rng.uniform(0.4, 0.8), "skirt": rng.uniform(0.35, 0.85)}[length]
     thick = rng.uniform(0.018, 0.04) if length == "skirt" else rng.uniform(0.004, 0.018)
-    garments.wear("bottom", (_TORSO, Between("z", low, waist)), garments.paint(_CLOTH), thick, rng.uniform(0.015, 0.08))
+    garments.add("bottom", (_TORSO, Between("z", low, waist)), garments.paint(_CLOTH), thick, rng.uniform(0.015, 0.08))
     if length != "long" and garments.chance(0.35):
         under = (_TORSO, Between("z", rng.uniform(0.1, 0.3), low + 0.02))
-        garments.wear("stockings", under, garments.paint(("knit", "satin", "woven")), 0.004)
+        garments.add("stockings", under, garments.paint(("knit", "satin", "woven")), 0.004)
 
 
 def _shoes(garments: Garments) -> None:
     rng = garments.rng
     if garments.chance(0.92):
         high = rng.uniform(0.08, 0.16) if garments.chance(0.55) else rng.uniform(0.16, 0.46)
-        garments.wear("shoes", (Between("z", high=high),), garments.paint(_SHOE), rng.uniform(0.008, 0.014))
+        garments.add("shoes", (Between("z", high=high),), garments.paint(_SHOE), rng.uniform(0.008, 0.014))
     if garments.chance(0.6):
-        garments.wear("soles", (Between("z", high=0.022),), garments.paint(("rubber",)))
+        garments.add("soles", (Between("z", high=0.022),), garments.paint(("rubber",)))
     if garments.chance(0.1):
         caps = (Between("z", high=0.075), Between("y", -_FAR, -0.10))
-        garments.wear("toe caps", caps, garments.paint(METALS), 0.016)
+        garments.add("toe caps", caps, garments.paint(METALS), 0.016)
 
 
 def _top(garments: Garments) -> None:
     rng, cloth = garments.rng, garments.paint(_CLOTH)
     thick = rng.uniform(0.004, 0.014)
     torso = Between("z", rng.uniform(0.9, 1.06), rng.uniform(1.36, 1.5))
-    garments.wear("top", (_TORSO, torso, *_BELOW_THE_HEAD), cloth, thick)
+    garments.add("top", (_TORSO, torso, *_BELOW_THE_HEAD), cloth, thick)
     if garments.chance(0.78):
         sleeve = Between("sleeve", -1, rng.uniform(0.35, 1.92))
         material = cloth if garments.chance(0.85) else garments.paint(_CLOTH)
-        garments.wear("sleeves", (_ARMS, sleeve, _NOT_HANDS), material, thick)
+        garments.add("sleeves", (_ARMS, sleeve, _NOT_HANDS), material, thick)
     if garments.chance(0.25):
-        garments.wear("collar", (_TORSO, Between("neck", 0.3), Between("head", high=0.2)), garments.paint(_BAND), 0.01)
+        garments.add("collar", (_TORSO, Between("neck", 0.3), Between("head", high=0.2)), garments.paint(_BAND), 0.01)
 
 
-def _over(garments: Garments) -> None:
+def _jacket(garments: Garments) -> None:
     rng, cloth = garments.rng, garments.paint(_CLOTH)
     thick, low, high = rng.uniform(0.014, 0.03), rng.uniform(0.6, 1.0), rng.uniform(1.42, 1.5)
-    garments.wear("jacket", (_TORSO, Between("z", low, high), *_BELOW_THE_HEAD), cloth, thick, 0.03)
+    garments.add("jacket", (_TORSO, Between("z", low, high), *_BELOW_THE_HEAD), cloth, thick, 0.03)
     if garments.chance(0.6):
         sleeves = (_ARMS, Between("sleeve", -1, rng.uniform(0.5, 1.9)), _NOT_HANDS)
-        garments.wear("jacket sleeves", sleeves, cloth, 0.7 * thick)
+        garments.add("jacket sleeves", sleeves, cloth, 0.7 * thick)
     if garments.chance(0.6):
         strip = Between("x", -rng.uniform(0.01, 0.09), rng.uniform(0.01, 0.09))
         open_front = (_TORSO, Between("z", low, high - 0.04), strip, _FRONT, *_BELOW_THE_HEAD)
-        garments.wear("front", open_front, garments.paint((*_CLOTH, *METALS, *METALS)), thick)
+        garments.add("front", open_front, garments.paint((*_CLOTH, *METALS, *METALS)), thick)
 
 
 def _waist(garments: Garments) -> None:
     rng = garments.rng
     if garments.chance(0.12):
         sash = Between("z", rng.uniform(0.98, 1.04), rng.uniform(1.08, 1.16))
-        garments.wear("sash", (_TORSO, sash), garments.paint(("woven", "satin", "knit", "leather")), 0.018)
+        garments.add("sash", (_TORSO, sash), garments.paint(("woven", "satin", "knit", "leather")), 0.018)
     if not garments.chance(0.55):
         return
     low, tall = rng.uniform(0.97, 1.02), rng.uniform(0.03, 0.09)
-    garments.wear("belt", (_TORSO, Between("z", low, low + tall)), garments.paint(_BAND), 0.02)
+    garments.add("belt", (_TORSO, Between("z", low, low + tall)), garments.paint(_BAND), 0.02)
     if garments.chance(0.7):
         half = rng.uniform(0.02, 0.09)
         buckle = (_TORSO, Between("z", low - 0.008, low + tall + 0.008), Between("x", -half, half), _FRONT)
-        garments.wear("buckle", buckle, garments.paint((*METALS, *METALS, "plastic")), 0.027)
+        garments.add("buckle", buckle, garments.paint((*METALS, *METALS, "plastic")), 0.027)
 
 
 def _arms(garments: Garments) -> None:
@@ -181,11 +195,11 @@ def _arms(garments: Garments) -> None:
         long = Between("sleeve", rng.uniform(0.6, 1.2) if garments.chance(0.25) else rng.uniform(1.6, 2.0))
         glove = (long, _side(garments)) if garments.chance(0.3) else (long,)
         kinds = ("leather", "leather", "rubber", "knit", "satin", "polished metal")
-        garments.wear("gloves", glove, garments.paint(kinds), rng.uniform(0.003, 0.02), 0.05)
+        garments.add("gloves", glove, garments.paint(kinds), rng.uniform(0.003, 0.02), 0.05)
     for _ in range(rng.choice([0, 1, 2], p=[0.5, 0.3, 0.2])):
         start = rng.uniform(0.2, 1.7)
         ring = Between("sleeve", start, start + rng.uniform(0.06, 0.5))
-        garments.wear("band", (_ARMS, ring, _side(garments)), garments.paint(_BAND), 0.012)
+        garments.add("band", (_ARMS, ring, _side(garments)), garments.paint(_BAND), 0.012)
 
 
 def _side(garments: Garments) -> Between:
@@ -196,16 +210,16 @@ def _armour(garments: Garments) -> None:
     rng = garments.rng
     if garments.chance(0.18):
         plates = (Between("shoulder", high=rng.uniform(0.07, 0.13)), *_BELOW_THE_HEAD)
-        garments.wear("shoulder plates", plates, garments.paint(_ARMOUR), 0.026)
+        garments.add("shoulder plates", plates, garments.paint(_ARMOUR), 0.026)
     if garments.chance(0.1):
         around = Between("shoulder", 0.10, rng.uniform(0.12, 0.17))
-        garments.wear("chain", (around, *_BELOW_THE_HEAD), garments.paint(METALS), 0.03)
+        garments.add("chain", (around, *_BELOW_THE_HEAD), garments.paint(METALS), 0.03)
     if garments.chance(0.13):
         chest = (_TORSO, Between("z", rng.uniform(1.08, 1.2), 1.4), Between("x", -0.15, 0.15), _FRONT, *_BELOW_THE_HEAD)
-        garments.wear("breastplate", chest, garments.paint(_ARMOUR), 0.022)
+        garments.add("breastplate", chest, garments.paint(_ARMOUR), 0.022)
     if garments.chance(0.15):
         knees = (_TORSO, Between("z", rng.uniform(0.4, 0.46), rng.uniform(0.54, 0.62)), Between("y", -_FAR, 0.02))
-        garments.wear("knee pads", knees, garments.paint(_ARMOUR), 0.02)
+        garments.add("knee pads", knees, garments.paint(_ARMOUR), 0.02)
     if garments.chance(0.1):
         shins = (_TORSO, Between("z", 0.16, rng.uniform(0.38, 0.46)), Between("y", -_FAR, 0.03))
-        garments.wear("greaves", shins, garments.paint(_ARMOUR), 0.018)
+        garments.add("greaves", shins, garments.paint(_ARMOUR), 0.018)

@@ -1,4 +1,4 @@
-"""What the embedded model is trained with: a proper score of its draws, and a plain error of what it predicts_mean."""
+"""Losses of the embedded model: the energy score of samples, and the error of the expected material."""
 
 from __future__ import annotations
 
@@ -7,17 +7,20 @@ from torch.nn import functional as F
 
 
 def energy_score(first: torch.Tensor, second: torch.Tensor, clean: torch.Tensor, matte: torch.Tensor) -> torch.Tensor:
-    """Energy score of two independent draws against the truth, per pixel and of local means.
+    """Energy score of two independent samples against the ground truth, per pixel and of local means.
 
-    E|X - y| - E|X - X'| / 2 (Gneiting & Raftery 2007, eq. 21) is least in expectation if and only if X is distributed
-    as y: the network learns to draw, with the right spread, in a single step (distributional diffusion,
-    De Bortoli et al. 2025).
+    E|X - y| - E|X - X'| / 2 (Gneiting & Raftery 2007, eq. 21) is a strictly proper scoring rule: its expectation is
+    least if and only if X has the distribution of y. The network thus learns to sample with the right spread in a
+    single step (distributional diffusion, De Bortoli et al. 2025).
 
     Args:
-        first: [B, 2, P, P] a draw.
-        second: [B, 2, P, P] another.
-        clean: [B, 2, P, P] truth.
-        matte: [B, 1, P, P] weights.
+        first: [B, 2, P, P] a sample.
+        second: [B, 2, P, P] another sample.
+        clean: [B, 2, P, P] ground truth.
+        matte: [B, 1, P, P] weights of the pixels.
+
+    Returns:
+        Scalar; the sum over windows of 1, 4, 16 and P pixels with weights 1, 0.5, 0.5 and 0.3.
     """
     total = torch.zeros(())
     for size, weight in ((1, 1.0), (4, 0.5), (16, 0.5), (matte.shape[-1], 0.3)):
@@ -40,15 +43,18 @@ def estimator_loss(
     weights: torch.Tensor,
     importance: torch.Tensor | None = None,
 ) -> torch.Tensor:
-    """Squared error of the expected material, and the class: what a thing is made of is what a picture tells first.
+    """Squared error of the expected material, and cross entropy of the material class with weight 0.1.
 
     Args:
-        condition: [B, C, P/2, P/2]; channels 0 and 1 are the expected roughness and metallic in [-1, 1].
+        condition: [B, C, P/2, P/2]; channels 0 and 1 are expected roughness and metallic in [-1, 1].
         classes: [B, classes, P/2, P/2] scores.
-        clean: [B, 2, P, P] truth in [-1, 1].
-        kind: [B, P, P] class, -1 outside the matte.
-        weights: [B, 1, P, P] coverage times importance.
-        importance: [classes] of a pixel of each class; None: all count alike.
+        clean: [B, 2, P, P] ground truth in [-1, 1].
+        kind: [B, P, P] material class, -1 outside the matte.
+        weights: [B, 1, P, P] coverage times the weight of the class.
+        importance: [classes] weight of each class; None: all are 1.
+
+    Returns:
+        Scalar.
     """
     cover = F.avg_pool2d(weights, 2)
     mean = F.avg_pool2d(clean * weights, 2) / cover.clamp_min(1e-3)
@@ -59,13 +65,16 @@ def estimator_loss(
 def context_loss(
     scores: torch.Tensor, truth: torch.Tensor, kind: torch.Tensor, importance: torch.Tensor
 ) -> torch.Tensor:
-    """As `estimator_loss`, of the subject in small: every example teaches where on a subject which stuff is worn.
+    """As `estimator_loss`, for the context image: every example teaches where materials occur on a subject.
 
     Args:
-        scores: [B, 2 + classes, h, w] expected roughness and metallic in [-1, 1], then the classes.
+        scores: [B, 2 + classes, h, w] expected roughness and metallic in [-1, 1], then the class scores.
         truth: [B, 3, h, w] roughness and metallic in [0, 1], coverage.
-        kind: [B, h, w] class, -1 outside the matte.
-        importance: [classes] of a pixel of each class.
+        kind: [B, h, w] material class, -1 outside the matte.
+        importance: [classes] weight of each class.
+
+    Returns:
+        Scalar.
     """
     cover = truth[:, 2:] * importance[kind.clamp_min(0)][:, None]
     square = ((scores[:, :2] - (2 * truth[:, :2] - 1)).square() * cover).sum() / (2 * cover.sum())

@@ -1,4 +1,4 @@
-"""Pictures of people for training: a dressed, posed body before a camera."""
+"""Renderings of synthetic people: a dressed, posed body in front of a random camera."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from yesnt.capture_stage.wardrobe import Dressed, dress
 from yesnt.core.camera import Camera
 from yesnt.training.bodies import draw_pose
 from yesnt.training.garments import Garments, draw_garments
-from yesnt.training.photo import Subject, View, render_subject
+from yesnt.training.subject_render import Subject, View, render_subject
 from yesnt.training.synthetic.materials import DEFAULT_STYLE, MaterialStyle
 from yesnt.training.synthetic.render import Rendering
 
@@ -24,20 +24,20 @@ Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
 HEIGHT, WIDTH = 320, 224
-"""Pixels of a picture."""
+"""Rows and columns of an image."""
 
-_RESTING = 1.78
-"""Metres of the body in whose measures the wardrobe's fields are given."""
+_REST_HEIGHT = 1.78
+"""Height in metres of the rest pose in which the fields of the wardrobe are measured."""
 
 
 @dataclass(frozen=True)
 class Person:
-    """Somebody dressed.
+    """A dressed person.
 
     Attributes:
-        body: bare.
-        dressed: with the clothes' thickness.
-        garments: what is worn.
+        body: body without garments.
+        dressed: vertices with the thickness of the garments, and fields of the wardrobe.
+        garments: garments and their materials.
     """
 
     body: Body
@@ -46,19 +46,33 @@ class Person:
 
 
 def draw_person(rng: np.random.Generator, body: Body, style: MaterialStyle = DEFAULT_STYLE) -> Person:
-    """Dresses a body."""
+    """Draws garments for a body and dresses it.
+
+    Args:
+        rng: source of every choice.
+        body: body in rest pose.
+        style: colour and print statistics of the materials.
+    """
     garments = draw_garments(rng, style)
-    return Person(body, dress(body, garments.coat(), folds=rng.uniform(0, 0.007)), garments)
+    return Person(body, dress(body, garments.frozen_layers(), folds=rng.uniform(0, 0.007)), garments)
 
 
 @lru_cache(maxsize=4)
 def open_body(path: Path) -> Body:
-    """A rest body from its file."""
+    """Reads a rest body from its file."""
     return Body.open(path)
 
 
 def render_person(rng: np.random.Generator, person: Person) -> Rendering:
-    """Poses the person, aims a camera, lights and shades."""
+    """Renders a person with a random pose, camera and light.
+
+    Args:
+        rng: source of every choice.
+        person: dressed person.
+
+    Returns:
+        Image of HEIGHT x WIDTH pixels with ground truth.
+    """
     vertices = skin(person.body, draw_pose(rng, person.body), person.dressed.vertices)
     camera = _draw_camera(rng, vertices)
     quads = person.body.faces
@@ -71,7 +85,7 @@ def render_person(rng: np.random.Generator, person: Person) -> Rendering:
 
 
 def _draw_camera(rng: np.random.Generator, vertices: Float64) -> Camera:
-    """The whole figure, or a part of one: 200 to 700 pixels tall."""
+    """Camera that shows the whole figure or a part of it, with a figure of 200 to 700 pixels height."""
     tall = float(vertices[:, 2].max())
     pixels = np.exp(rng.uniform(np.log(200), np.log(420 if rng.random() < 0.75 else 700)))
     shown = tall * HEIGHT / pixels
@@ -86,7 +100,7 @@ def _draw_camera(rng: np.random.Generator, vertices: Float64) -> Camera:
 
 
 def _garment(person: Person, view: View) -> NDArray[np.int32]:
-    """[H, W] number of the topmost garment at each pixel, -1 where nobody is."""
+    """[H, W] index of the topmost garment at each pixel, -1 outside the person."""
     seen = view.seen
     asked = {place.field for layer in person.garments.layers for place in layer.where}
     fields = {name: view.interpolate(person.dressed.fields[name]) for name in asked}
@@ -100,8 +114,8 @@ def _garment(person: Person, view: View) -> NDArray[np.int32]:
 
 
 def _surface_coordinates(rng: np.random.Generator, person: Person) -> Float64:
-    """[V, 2] paint coordinates: the rest pose flattened, in pixels of a body about 330 pixels tall."""
+    """[V, 2] texture coordinates: the rest pose projected to a plane, in pixels of a body about 330 pixels tall."""
     fields = person.dressed.fields
     lean = rng.normal(0, 0.5, 2)
     across, up = fields["x"] + lean[0] * fields["y"], fields["z"] + lean[1] * fields["y"]
-    return np.stack([across, -up], -1) * (330 / _RESTING)
+    return np.stack([across, -up], -1) * (330 / _REST_HEIGHT)

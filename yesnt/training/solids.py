@@ -1,6 +1,7 @@
-"""Surfaces drawn at random for training: turned vessels, tubes along a curve, handheld devices, draped cloth.
+"""Random surfaces for training: surfaces of revolution, tubes along a curve, assemblies, draped cloth.
 
-Every curve and profile is a random series, so that none is a shape of the stage (`yesnt.capture_stage.shapes`).
+Curves and profiles are random series, so that none equals a shape of the capture stage (`yesnt.capture_stage.shapes`),
+on which the model is evaluated.
 """
 
 from __future__ import annotations
@@ -17,12 +18,13 @@ Int32 = NDArray[np.int32]
 
 @dataclass(frozen=True)
 class Solid:
-    """A surface that is painted in zones.
+    """A triangle mesh with a coordinate along its length.
 
     Attributes:
         vertices: [V, 3], largest extent about 1.
         faces: [F, 3] triangles, counter-clockwise seen from outside.
-        along: [V] where on its length a vertex lies: whole numbers tell parts apart, fractions go 0 to 1 within one.
+        along: [V] coordinate along the length: the integer part is the number of the part, the fraction the position on
+            it.
         uv: [V, 2] surface coordinates in the units of `vertices`.
     """
 
@@ -33,9 +35,12 @@ class Solid:
 
     @classmethod
     def of_grid(cls, points: Float64, along: Float64, wrap: tuple[bool, bool]) -> Solid:
-        """Of a grid [R, C, 3] of points whose rows run along the solid; `wrap` says which way it closes.
+        """Builds a mesh from a grid of points; faces are oriented so that the enclosed volume is positive.
 
-        The side that encloses a positive volume is outside. `uv` is measured on the middle of the grid.
+        Args:
+            points: [R, C, 3]; rows run along the solid.
+            along: [R] coordinate along the length.
+            wrap: whether the grid closes along rows, and along columns.
         """
         rows, columns = points.shape[:2]
         r, c = np.meshgrid(np.arange(rows - (not wrap[0])), np.arange(columns - (not wrap[1])), indexing="ij")
@@ -52,7 +57,7 @@ class Solid:
 
     @classmethod
     def join(cls, parts: list[Solid]) -> Solid:
-        """Several, numbered in their order."""
+        """Joins several solids, numbered in their order."""
         starts = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
         return cls(
             np.concatenate([part.vertices for part in parts]),
@@ -62,24 +67,24 @@ class Solid:
         )
 
     def placed(self, turn: Float64, scale: float | Float64, shift: Float64) -> Solid:
-        """Scaled, turned [3, 3] and moved [3]."""
+        """Returns the solid scaled, then rotated by `turn` [3, 3], then moved by `shift` [3]."""
         return Solid(self.vertices * scale @ turn.T + shift, self.faces, self.along, self.uv * np.mean(scale))
 
 
 def _volume(vertices: Float64, faces: Int32) -> float:
-    """Enclosed by triangles that are counter-clockwise seen from outside; an open surface is closed from its middle."""
+    """Signed volume, positive if faces are counter-clockwise from outside; the centroid closes open surfaces."""
     a, b, c = (vertices[faces[:, k]] - vertices.mean(0) for k in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
 
 def _lengths(points: Float64, axis: int) -> Float64:
-    """Running length of the grid's middle line along an axis."""
+    """Arc length along the middle line of the grid, along an axis."""
     middle = np.take(points, points.shape[1 - axis] // 2, axis=1 - axis)
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(middle, axis=0), axis=1))])
 
 
 def _series(rng: np.random.Generator, t: Float64, count: int, fall: float) -> Float64:
-    """A random sum of sines over t in turns, about unit size."""
+    """Random sum of sines over t, of about unit size."""
     total = np.zeros_like(t)
     for k in range(1, count + 1):
         total = total + rng.normal() * k**-fall * np.sin(2 * np.pi * (k * t / 2 + rng.random()))
@@ -87,7 +92,13 @@ def _series(rng: np.random.Generator, t: Float64, count: int, fall: float) -> Fl
 
 
 def vessel(rng: np.random.Generator, rings: int = 90, across: int = 72) -> Solid:
-    """A turned body: bowl, jar, goblet, bottle; open or closed."""
+    """Draws a surface of revolution: bowl, jar, goblet or bottle; open or closed.
+
+    Args:
+        rng: source of every choice.
+        rings: samples along the profile.
+        across: samples around the axis.
+    """
     t = np.linspace(0, 1, rings)
     radius = np.exp(0.45 * _series(rng, t, int(rng.integers(2, 6)), 1.0)) * rng.uniform(0.12, 0.45)
     radius = np.clip(radius, 0.03, 0.6)
@@ -108,7 +119,13 @@ def vessel(rng: np.random.Generator, rings: int = 90, across: int = 72) -> Solid
 
 
 def tube(rng: np.random.Generator, around: int = 200, across: int = 24) -> Solid:
-    """A tube along a random closed curve, or an open one with rounded ends."""
+    """Draws a tube along a random closed curve, or along an open one with rounded ends.
+
+    Args:
+        rng: source of every choice.
+        around: samples along the curve.
+        across: samples around the tube.
+    """
     closed = rng.random() < 0.7
     t = np.arange(around) / (around if closed else around - 1)
     period = 2 if closed else 1  # `_series` counts half turns
@@ -126,7 +143,10 @@ def tube(rng: np.random.Generator, around: int = 200, across: int = 24) -> Solid
 
 
 def _frames(curve: Float64, closed: bool) -> tuple[Float64, Float64]:
-    """Two unit normals [T, 3] along a curve that turn as little as they can; where it closes, by an even twist."""
+    """Two unit normals [T, 3] along a curve with minimal rotation.
+
+    On a closed curve the remaining twist is distributed evenly.
+    """
     forward = np.roll(curve, -1, 0) - np.roll(curve, 1, 0) if closed else np.gradient(curve, axis=0)
     forward = forward / np.maximum(np.linalg.norm(forward, axis=1, keepdims=True), 1e-9)
     side = np.zeros_like(curve)
@@ -144,7 +164,13 @@ def _frames(curve: Float64, closed: bool) -> tuple[Float64, Float64]:
 
 
 def block(rng: np.random.Generator, rings: int = 36, across: int = 48) -> Solid:
-    """A superellipsoid from ball to rounded box, perhaps tapered or bent."""
+    """Draws a superellipsoid between a ball and a rounded box, possibly tapered or bent.
+
+    Args:
+        rng: source of every choice.
+        rings: samples of latitude.
+        across: samples of longitude.
+    """
     v = np.linspace(-np.pi / 2, np.pi / 2, rings)[:, None]
     u = np.linspace(-np.pi, np.pi, across, endpoint=False)[None]
     e, f = rng.choice([0.25, 0.4, 0.7, 1.0], 2)
@@ -161,7 +187,7 @@ def block(rng: np.random.Generator, rings: int = 36, across: int = 48) -> Solid:
 
 
 def device(rng: np.random.Generator) -> Solid:
-    """Something held: a body, perhaps a ring, and buttons, knobs and bands."""
+    """Draws an assembly like a handheld device: a body, possibly a ring, and small parts on its surface."""
     size = np.array([rng.uniform(0.15, 0.4), rng.uniform(0.15, 0.4), rng.uniform(0.5, 1)])
     parts = [block(rng).placed(np.eye(3), size, np.zeros(3))]
     if rng.random() < 0.5:
@@ -175,7 +201,13 @@ def device(rng: np.random.Generator) -> Solid:
 
 
 def drapery(rng: np.random.Generator, rings: int = 90, across: int = 180) -> Solid:
-    """A cloth that hangs from a round or flat top in folds that grow."""
+    """Draws a cloth that hangs from a round or flat top in folds that widen downwards.
+
+    Args:
+        rng: source of every choice.
+        rings: samples from the centre to the hem.
+        across: samples around.
+    """
     fall = np.linspace(0, 1, rings)[:, None]
     turn = (np.arange(across) / across)[None]
     top = rng.uniform(0.05, 0.5)
@@ -199,7 +231,7 @@ def drapery(rng: np.random.Generator, rings: int = 90, across: int = 180) -> Sol
 
 
 def _turned(rng: np.random.Generator) -> Float64:
-    """A random rotation [3, 3]."""
+    """Random rotation [3, 3]."""
     axes, upper = np.linalg.qr(rng.standard_normal((3, 3)))
     axes = axes * np.sign(np.diag(upper))
     return axes if np.linalg.det(axes) > 0 else -axes
@@ -210,4 +242,4 @@ Builder = Callable[[np.random.Generator], Solid]
 SOLIDS: tuple[Builder, ...] = (
     vessel, vessel, vessel, tube, tube, device, device, device, drapery, drapery,
 )  # fmt: skip
-"""What a thing may be, as often as it stands here."""
+"""Builders, as often as they are drawn."""

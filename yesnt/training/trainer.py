@@ -1,4 +1,4 @@
-"""Trains the embedded model; everything random is keyed by the step, so a resumed training is an uninterrupted one."""
+"""Trains estimator and denoiser. Randomness is keyed by the step: a resumed training equals an uninterrupted one."""
 
 from __future__ import annotations
 
@@ -14,9 +14,7 @@ from yesnt.core.errors import JobError
 from yesnt.decompose.network import Network, NetworkShape
 from yesnt.decompose.weights import PATCH, channels_last, save_weights
 from yesnt.training.checkpoint import write_state
-from yesnt.training.draws import SamplePairs
-from yesnt.training.losses import context_loss, energy_score, estimator_loss
-from yesnt.training.pictures import (
+from yesnt.training.image_archive import (
     OBJECTS,
     PEOPLE,
     STYLE_GROUPS,
@@ -26,47 +24,49 @@ from yesnt.training.pictures import (
     person_path,
     style_of,
 )
+from yesnt.training.losses import context_loss, energy_score, estimator_loss
+from yesnt.training.sample_pairs import SamplePairs
 from yesnt.training.synthetic.dataset import Augmentation, Patches, crop, draw_patches, recolour_garments
 from yesnt.training.synthetic.materials import CLASSES, MaterialStyle, class_weights
 
-_PATIENCE = 900.0
-"""Seconds that a step waits for a picture which another process is to make."""
+_IMAGE_TIMEOUT = 900.0
+"""Seconds that a step waits for an image which another process renders."""
 
-
-_AUGMENTATION = Augmentation(
+_MAIN_AUGMENTATION = Augmentation(
     MaterialStyle(cloth_print=0.35, borrowed_colour=0.3, solid_print=0.4), colour_mixing=0.4, recoloured=0.4
 )
-"""Pictures that punish going by colour, so that shapes are learnt."""
+"""Strong colour augmentation: colour alone does not predict the material, so that shape is learnt."""
 
-_FINE_TUNING = Augmentation(
+_FINE_TUNING_AUGMENTATION = Augmentation(
     MaterialStyle(cloth_print=0.1, borrowed_colour=0.1, solid_print=0.1), colour_mixing=0.1, recoloured=0.1
 )
-"""Pictures more like the world, in which a colour tells something too: what is learnt last is how much."""
+"""Weak colour augmentation with realistic materials, so that the predictive value of colour is learnt last."""
 
 _FINE_TUNING_STYLES = (0.6, 0.2, 0.2)
-"""How often each wardrobe is shown while the network settles; before, each as often as any other."""
+"""Probability of each style group during fine-tuning; before, all are equally likely."""
 
 
 @dataclass(frozen=True)
 class TrainingSettings:
-    """What determines the weights.
+    """Everything that determines the weights.
 
     Attributes:
-        seed: of data, noise and first weights.
-        estimator_steps: steps of the first part, in which the estimator alone learns what to expect.
-        denoiser_steps: steps of the second part, in which the denoiser learns to draw and the estimator learns on slowly.
-        fine_tuning_steps: steps of the last part: both learn on, from pictures more like the world.
+        seed: seed of data, noise and initial weights.
+        estimator_steps: steps of the first phase, which trains the estimator.
+        denoiser_steps: steps of the second phase, which trains the denoiser, and the estimator at a fifth of its rate.
+        fine_tuning_steps: steps of the third phase, which trains both on realistic materials.
         batch: patches per step.
-        people_patches: how many of them show people; the others show heaps of things.
-        object_patches: how many show a single thing from step `objects_after` on, half of them in a person's place.
-        people: dressed people of the archive that are shown; 0: none.
-        objects: objects of the archive that are shown; 0: none.
-        objects_after: steps in which people and heaps are enough to learn from.
-        first: people that must be there before the first step.
-        every: steps after which one more is asked for, so that pictures can be made while the training runs.
-        patch: side of a patch.
+        people_patches: patches per step that show people; the rest shows synthetic scenes.
+        object_patches: patches per step that show a procedural object from step `objects_after` on; half of them
+            replace patches of people.
+        people: people of the archive that are used; 0: none.
+        objects: procedural objects of the archive that are used; 0: none.
+        objects_after: first step that shows procedural objects.
+        first: people that the archive must hold before the first step.
+        every: steps after which one more person is used, so that rendering and training can run at the same time.
+        patch: side of a patch in pixels.
         rate: highest learning rate.
-        ema: decay of the averaged weights.
+        ema: decay of the exponential moving average of the weights.
     """
 
     seed: int = 0
@@ -87,17 +87,17 @@ class TrainingSettings:
 
     @property
     def steps(self) -> int:
-        """Of all parts."""
+        """Steps of all phases."""
         return self.estimator_steps + self.denoiser_steps + self.fine_tuning_steps
 
 
 class Trainer:
-    """Network, averaged network and optimiser at a step.
+    """Network, averaged network and optimiser at a training step.
 
     Args:
-        settings: what to do.
-        shape: of the network.
-        folder: holds the archive of people.
+        settings: data, phases and rates.
+        shape: sizes of the network.
+        folder: folder that holds the archive of people and objects.
     """
 
     def __init__(self, settings: TrainingSettings, shape: NetworkShape, folder: Path) -> None:
@@ -121,10 +121,14 @@ class Trainer:
         ]
         self.optimiser = torch.optim.AdamW(groups, lr=settings.rate, weight_decay=0.02, betas=(0.9, 0.98))
         self.step = 0
-        self._draws = SamplePairs(settings.seed, settings.patch)
+        self._samples = SamplePairs(settings.seed, settings.patch)
 
     def advance(self) -> float:
-        """One optimiser step; returns its loss."""
+        """Runs one training step and returns its loss.
+
+        Raises:
+            JobError: an image of the archive is missing.
+        """
         patches = self._patches()
         for group, rate in zip(self.optimiser.param_groups, self._rates(), strict=True):
             group["lr"] = rate
@@ -136,13 +140,13 @@ class Trainer:
         self.step += 1
         decay = min(self.settings.ema, (1 + self.step) / (10 + self.step))
         state = self.network.state_dict()
-        for name, kept in self.averaged.state_dict().items():
-            if kept.is_floating_point():  # all but the norms' counters
-                kept.lerp_(state[name], 1 - decay)
+        for name, average in self.averaged.state_dict().items():
+            if average.is_floating_point():  # all but the counters of the norms
+                average.lerp_(state[name], 1 - decay)
         return float(loss.detach())
 
     def save(self, path: Path) -> None:
-        """Writes a checkpoint whole or not at all."""
+        """Writes a checkpoint atomically."""
         state = {
             "step": self.step,
             "network": self.network.state_dict(),
@@ -154,7 +158,7 @@ class Trainer:
         write_state(path, state)
 
     def resume(self, path: Path) -> None:
-        """Continues from a checkpoint."""
+        """Restores the state of a checkpoint."""
         state = torch.load(path, weights_only=True)
         self.network.load_state_dict(state["network"])
         self.class_head.load_state_dict(state["class_head"])
@@ -165,39 +169,39 @@ class Trainer:
 
     def _patches(self) -> Patches:
         s = self.settings
-        things = s.object_patches if s.objects and self.step >= s.objects_after else 0
-        people = s.people_patches - things // 2 if s.people else 0
+        objects = s.object_patches if s.objects and self.step >= s.objects_after else 0
+        people = s.people_patches - objects // 2 if s.people else 0
         rng = np.random.Generator(np.random.Philox(key=[s.seed, 1_000_000_000 + self.step]))
-        crops = [self._person_crop(rng) for _ in range(people)] + [self._object_crop(rng) for _ in range(things)]
-        heaps = [
+        crops = [self._person_crop(rng) for _ in range(people)] + [self._object_crop(rng) for _ in range(objects)]
+        scenes = [
             draw_patches(s.seed, 1_000_000 + self.step * s.batch + i, 1, s.patch, self._augmentation)
             for i in range(s.batch - len(crops))
         ]
-        return Patches.join([*([Patches.stack(crops)] if crops else []), *heaps])
+        return Patches.join([*([Patches.stack(crops)] if crops else []), *scenes])
 
     def _person_crop(self, rng: np.random.Generator) -> Patches:
-        """A crop of one of the people that a training at this step may count on."""
+        """Crop of one of the people that the archive holds at this step."""
         s = self.settings
         style = STYLE_GROUPS[self._style_group(rng)][1]
-        there = self._people[: s.first + self.step // s.every]
-        people = [number for number in there if style_of(number) == style]
+        available = self._people[: s.first + self.step // s.every]
+        people = [number for number in available if style_of(number) == style]
         path = person_path(self.folder, s.seed, people[int(rng.integers(len(people)))])
-        await_picture(path)
+        await_image(path)
         views = open_views(path)
-        picture = views[int(rng.integers(len(views)))]
+        image = views[int(rng.integers(len(views)))]
         shrink = draw_shrink(rng)
         if rng.random() < self._augmentation.recoloured:
-            picture = recolour_garments(rng, picture)
-        return crop(rng, picture, s.patch, shrink, self._augmentation.colour_mixing)
+            image = recolour_garments(rng, image)
+        return crop(rng, image, s.patch, shrink, self._augmentation.colour_mixing)
 
     def _object_crop(self, rng: np.random.Generator) -> Patches:
-        """A crop of one of the single things."""
+        """Crop of one of the procedural objects."""
         s = self.settings
         path = object_path(self.folder, s.seed, int(rng.integers(s.objects)))
-        await_picture(path)
+        await_image(path)
         views = open_views(path)
-        picture = views[int(rng.integers(len(views)))]
-        return crop(rng, picture, s.patch, draw_shrink(rng), self._augmentation.colour_mixing)
+        image = views[int(rng.integers(len(views)))]
+        return crop(rng, image, s.patch, draw_shrink(rng), self._augmentation.colour_mixing)
 
     @property
     def _fine_tuning(self) -> bool:
@@ -205,7 +209,7 @@ class Trainer:
 
     @property
     def _augmentation(self) -> Augmentation:
-        return _FINE_TUNING if self._fine_tuning else _AUGMENTATION
+        return _FINE_TUNING_AUGMENTATION if self._fine_tuning else _MAIN_AUGMENTATION
 
     def _style_group(self, rng: np.random.Generator) -> int:
         if self._fine_tuning:
@@ -224,50 +228,68 @@ class Trainer:
         return rate / 5, rate
 
     def _loss(self, patches: Patches) -> torch.Tensor:
-        rgb, matte, truth, kind, whole, place, context_truth, context_kind = (
+        rgb, matte, truth, kind, context, location, context_truth, context_kind = (
             torch.from_numpy(np.ascontiguousarray(plane)) for plane in patches.planes()[:-1]
         )
         clean = 2 * truth - 1
-        features = self.network.estimator.context(whole)
-        condition = self.network.estimator.from_features(rgb, matte, features, place)
-        counts = torch.from_numpy(class_weights())
-        weights = matte * counts[kind.clamp_min(0)][:, None]
-        loss = estimator_loss(condition, self.class_head(condition), clean, kind, weights, counts)
-        loss = loss + 0.5 * context_loss(self.context_head(features), context_truth, context_kind, counts)
+        features = self.network.estimator.context(context)
+        condition = self.network.estimator.from_features(rgb, matte, features, location)
+        importance = torch.from_numpy(class_weights())
+        weights = matte * importance[kind.clamp_min(0)][:, None]
+        loss = estimator_loss(condition, self.class_head(condition), clean, kind, weights, importance)
+        loss = loss + 0.5 * context_loss(self.context_head(features), context_truth, context_kind, importance)
         if self.step < self.settings.estimator_steps:
             return loss
-        # Two random draws give signs, not errors: a noisy gradient, which passed down would undo what was read.
-        draws = self._draws.pair(self.network.denoiser, condition.detach(), clean, self.step)
-        return loss + energy_score(*draws, clean, weights)
+        # The gradient of the energy score of two samples is noisy; passed on, it would degrade the estimator.
+        samples = self._samples.draw(self.network.denoiser, condition.detach(), clean, self.step)
+        return loss + energy_score(*samples, clean, weights)
 
 
 def rate_schedule(done: int, length: int) -> float:
-    """Share of the highest rate: a linear warm-up, then a cosine to a fiftieth."""
+    """Returns the factor of the highest learning rate: linear warm-up over 100 steps, then a cosine decay to 0.02.
+
+    Args:
+        done: finished steps of the phase.
+        length: steps of the phase.
+    """
     return min(1.0, (done + 1) / 100) * (0.02 + 0.98 * 0.5 * (1 + float(np.cos(np.pi * done / length))))
 
 
 def draw_shrink(rng: np.random.Generator) -> float:
-    """How many times its size of a picture a patch shows."""
+    """Draws the factor by which the shown region of an image exceeds the side of the patch, 1 .. 1.65."""
     return float(np.exp(rng.uniform(0, 0.5))) if rng.random() < 0.4 else 1.0
 
 
-def await_picture(path: Path) -> None:
-    """Waits for a picture that is being made beside the training."""
+def await_image(path: Path) -> None:
+    """Waits for an archive file that another process writes.
+
+    Raises:
+        JobError: the file does not appear within `_IMAGE_TIMEOUT`.
+    """
     waited = 0.0
     while not path.exists():
-        if waited > _PATIENCE:
+        if waited > _IMAGE_TIMEOUT:
             raise JobError(
-                "A picture of the archive is missing",
+                "An image of the archive is missing",
                 str(path),
-                "the people that the settings count on",
-                "run `python -m yesnt.training FOLDER --only pictures`, or ask for fewer with --people and --things",
+                "the people and objects of the settings",
+                "run `python -m yesnt.training FOLDER --only images`, or ask for fewer with --people and --objects",
             )
         time.sleep(1.0)
         waited += 1.0
 
 
 def train(trainer: Trainer, folder: Path, every: int = 100) -> Iterator[tuple[int, float]]:
-    """Runs to the last step; yields (step, mean loss) and saves a checkpoint and weights every `every` steps."""
+    """Runs to the last step, and saves a checkpoint and weights every `every` steps.
+
+    Args:
+        trainer: state of the training.
+        folder: folder of checkpoint and weights.
+        every: steps from one checkpoint to the next.
+
+    Yields:
+        (step, mean loss since the checkpoint before).
+    """
     losses: list[float] = []
     while trainer.step < trainer.settings.steps:
         losses.append(trainer.advance())

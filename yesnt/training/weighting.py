@@ -1,7 +1,7 @@
-"""Teaches the denoiser to weigh two opinions: where they are apart, draws have to spread.
+"""Trains the denoiser on the difference of estimator and auxiliary predictor: samples have to spread where they differ.
 
-Estimator and second opinion stay as they are. Pictures are of subjects that the perceptron was not shown, since on those
-it was shown it agrees with the truth more often than it ever will on a shot.
+Both predictors stay frozen. The images show subjects that are held out from the perceptron, since on its training
+subjects its error is smaller than on new images.
 """
 
 from __future__ import annotations
@@ -15,31 +15,31 @@ import torch
 
 from yesnt.decompose.auxiliary import AUXILIARY_INPUT_SIDE, AuxiliaryPredictor, fuse_predictions
 from yesnt.decompose.global_context import ContextBatch
-from yesnt.decompose.network import Network, at_patch
+from yesnt.decompose.network import Network, sample_at_patch
 from yesnt.decompose.weights import PATCH, channels_last, save_weights
 from yesnt.training.checkpoint import write_state
-from yesnt.training.draws import SamplePairs
+from yesnt.training.image_archive import open_views
 from yesnt.training.losses import energy_score
-from yesnt.training.pictures import open_views
+from yesnt.training.sample_pairs import SamplePairs
 from yesnt.training.synthetic.dataset import Patches, crop, recolour_garments
 from yesnt.training.synthetic.materials import class_weights
 from yesnt.training.trainer import draw_shrink, rate_schedule
 
-_TURNED, _RECOLOURED = 0.2, 0.2
-"""How often a picture's colours are turned, or somebody's clothes dyed: between the bold world and the usual one."""
+_COLOUR_MIXING, _RECOLOURED = 0.2, 0.2
+"""Probabilities of the colour augmentations, between those of the main phase and of fine-tuning."""
 
 
 @dataclass(frozen=True)
 class WeightingSettings:
-    """What determines how the denoiser learns on.
+    """Everything that determines the further training of the denoiser.
 
     Attributes:
-        seed: of data and noise.
-        steps: of training.
+        seed: seed of data and noise.
+        steps: training steps.
         batch: patches per step.
-        patch: side of a patch.
+        patch: side of a patch in pixels.
         rate: highest learning rate.
-        ema: decay of the averaged weights.
+        ema: decay of the exponential moving average of the weights.
     """
 
     seed: int = 0
@@ -51,7 +51,17 @@ class WeightingSettings:
 
 
 def with_auxiliary(network: Network, auxiliary: AuxiliaryPredictor) -> Network:
-    """A network that hears a second opinion, and whose denoiser does not heed yet how far apart the two are."""
+    """Joins a network and an auxiliary predictor.
+
+    The new input channels of the denoiser have weight 0, so its samples only change by the averaged mean.
+
+    Args:
+        network: network without an auxiliary predictor.
+        auxiliary: trained predictor.
+
+    Returns:
+        The joined network in evaluation mode, without gradients.
+    """
     widths = (auxiliary.hidden.in_channels, auxiliary.hidden.out_channels)
     joined = Network(replace(network.shape, auxiliary=widths))
     joined.estimator, joined.auxiliary = network.estimator, auxiliary
@@ -63,37 +73,40 @@ def with_auxiliary(network: Network, auxiliary: AuxiliaryPredictor) -> Network:
 
 
 class WeightingTrainer:
-    """Network, averaged denoiser and optimiser at a step.
+    """Network, averaged denoiser and optimiser at a training step.
 
     Args:
-        settings: what to do.
-        network: of `with_auxiliary`.
-        paths: files of the archive that are shown.
+        settings: data and rates.
+        network: what `with_auxiliary` returned.
+        paths: archive files of the held-out subjects.
+
+    Raises:
+        ValueError: the network has no auxiliary predictor.
     """
 
     def __init__(self, settings: WeightingSettings, network: Network, paths: Sequence[Path]) -> None:
         if network.auxiliary is None:
-            raise ValueError("a network without a second opinion has nothing to weigh")
+            raise ValueError("the network has no auxiliary predictor whose weighting could be trained")
         self.settings, self.network, self._paths, self._auxiliary = settings, network, paths, network.auxiliary
         self.averaged = {name: value.clone() for name, value in network.denoiser.state_dict().items()}
         network.denoiser.requires_grad_(True)
         self.optimiser = torch.optim.AdamW(network.denoiser.parameters(), lr=settings.rate, weight_decay=0.02)
-        self._draws = SamplePairs(settings.seed, settings.patch)
+        self._samples = SamplePairs(settings.seed, settings.patch)
         self.step = 0
 
     def advance(self) -> float:
-        """One optimiser step; returns its loss."""
-        rgb, matte, truth, kind, whole, place, _, _, survey = (
+        """Runs one training step and returns its loss."""
+        rgb, matte, truth, kind, context, location, _, _, auxiliary_input = (
             torch.from_numpy(np.ascontiguousarray(plane)) for plane in self._patches().planes()
         )
         clean = 2 * truth - 1
         with torch.no_grad():
-            condition = self.network.estimator(rgb, matte, ContextBatch(whole, place))
-            told = torch.cat([self._auxiliary(picture[None]) for picture in survey])
-            condition = fuse_predictions(condition, at_patch(told, place, condition.shape[-1]))
+            condition = self.network.estimator(rgb, matte, ContextBatch(context, location))
+            auxiliary = torch.cat([self._auxiliary(image[None]) for image in auxiliary_input])
+            condition = fuse_predictions(condition, sample_at_patch(auxiliary, location, condition.shape[-1]))
         weights = matte * torch.from_numpy(class_weights())[kind.clamp_min(0)][:, None]
-        draws = self._draws.pair(self.network.denoiser, condition, clean, self.step)
-        loss = energy_score(*draws, clean, weights)
+        samples = self._samples.draw(self.network.denoiser, condition, clean, self.step)
+        loss = energy_score(*samples, clean, weights)
         self.optimiser.param_groups[0]["lr"] = self.settings.rate * rate_schedule(self.step, self.settings.steps)
         self.optimiser.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
@@ -105,7 +118,7 @@ class WeightingTrainer:
         return float(loss.detach())
 
     def save(self, path: Path) -> None:
-        """Writes a checkpoint whole or not at all."""
+        """Writes a checkpoint atomically."""
         state = {
             "step": self.step,
             "denoiser": self.network.denoiser.state_dict(),
@@ -115,7 +128,7 @@ class WeightingTrainer:
         write_state(path, state)
 
     def resume(self, path: Path) -> None:
-        """Continues from a checkpoint."""
+        """Restores the state of a checkpoint."""
         state = torch.load(path, weights_only=True)
         self.network.denoiser.load_state_dict(state["denoiser"])
         self.averaged = state["averaged"]
@@ -123,7 +136,7 @@ class WeightingTrainer:
         self.step = state["step"]
 
     def result(self) -> Network:
-        """The network with the averaged denoiser."""
+        """Returns the network with the averaged denoiser."""
         network = Network(self.network.shape)
         network.load_state_dict(self.network.state_dict())
         network.denoiser.load_state_dict(self.averaged)
@@ -136,14 +149,23 @@ class WeightingTrainer:
 
     def _example(self, rng: np.random.Generator) -> Patches:
         views = open_views(self._paths[int(rng.integers(len(self._paths)))])
-        picture = views[int(rng.integers(len(views)))]
+        image = views[int(rng.integers(len(views)))]
         if rng.random() < _RECOLOURED:
-            picture = recolour_garments(rng, picture)
-        return crop(rng, picture, self.settings.patch, draw_shrink(rng), _TURNED, AUXILIARY_INPUT_SIDE)
+            image = recolour_garments(rng, image)
+        return crop(rng, image, self.settings.patch, draw_shrink(rng), _COLOUR_MIXING, AUXILIARY_INPUT_SIDE)
 
 
 def train_weighting(trainer: WeightingTrainer, folder: Path, every: int = 50) -> Iterator[tuple[int, float]]:
-    """Runs to the last step; yields (step, mean loss) and saves a checkpoint and weights every `every` steps."""
+    """Runs to the last step, and saves a checkpoint and weights every `every` steps.
+
+    Args:
+        trainer: state of the training.
+        folder: folder of checkpoint and weights.
+        every: steps from one checkpoint to the next.
+
+    Yields:
+        (step, mean loss since the checkpoint before).
+    """
     losses: list[float] = []
     while trainer.step < trainer.settings.steps:
         losses.append(trainer.advance())

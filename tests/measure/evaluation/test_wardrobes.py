@@ -28,7 +28,7 @@ def measured():
 @pytest.fixture(scope="module")
 def drawn():
     garments = pytest.importorskip("yesnt.training.garments")
-    coats = [garments.draw_garments(np.random.default_rng(seed)).coat() for seed in range(DRAWN)]
+    coats = [garments.draw_garments(np.random.default_rng(seed)).frozen_layers() for seed in range(DRAWN)]
     return [layer for coat in coats for layer in coat if layer.name not in BODY]
 
 

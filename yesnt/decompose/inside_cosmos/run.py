@@ -1,7 +1,7 @@
-"""Runs inside a checkout of DiffusionRenderer-Cosmos, by its own Python: frames in, float arrays out.
+"""Runs inside a checkout of DiffusionRenderer-Cosmos, with its Python: reads frames, writes float arrays.
 
-python run.py REQUEST.json. It imports the checkout, nothing of yesnt. The pipeline itself returns eight bits; the
-decoder's output is taken before that.
+Usage: python run.py REQUEST.json. It imports the checkout and nothing of yesnt. The pipeline itself returns 8-bit
+values; this script captures the output of the decoder before that conversion.
 """
 
 import json
@@ -19,7 +19,7 @@ from cosmos_predict1.utils import misc
 
 
 def main(request: dict[str, Any]) -> None:
-    """Draws every asked member of every asked quantity of one clip."""
+    """Draws every requested member of every requested quantity of one clip."""
     torch.set_grad_enabled(False)
     height, width = request["height"], request["width"]
     pipeline = DiffusionRendererPipeline(
@@ -43,7 +43,7 @@ def main(request: dict[str, Any]) -> None:
 
 
 def _keep_decoded(model: Any) -> list[Any]:
-    """Makes the model leave every decoded clip in the returned list."""
+    """Patches the model so that it appends every decoded clip to the returned list."""
     kept: list[Any] = []
     decode = model.decode
 

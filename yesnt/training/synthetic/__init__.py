@@ -1,1 +1,1 @@
-"""Training pictures that the project makes itself: shapes, painted materials, soft capture light, a camera's faults."""
+"""Synthetic scenes for training: shapes, painted materials, soft capture light, and camera degradation."""

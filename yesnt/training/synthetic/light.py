@@ -1,6 +1,7 @@
-"""Capture light of a training picture: nearly uniform, some soft boxes, prefiltered for every roughness.
+"""Capture light of the synthetic scenes: nearly uniform with soft boxes, prefiltered for every roughness.
 
-Directions are picture axes (x right, y down, z to the camera); maps are lat-long with row 0 up (-y), column centre +z.
+Directions are image axes (x right, y down, z to the camera). Maps are lat-long with row 0 up (-y) and the centre column
+along +z.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
 ROWS, COLUMNS = 32, 64
-"""Texels of a light's map."""
+"""Texels of a light map."""
 
 LEVELS = np.linspace(0.05, 1.0, 8)
 """Disney roughness of the prefiltered specular maps."""
@@ -27,7 +28,7 @@ class Light:
 
     Attributes:
         diffuse: [ROWS, COLUMNS, 3] irradiance / pi by normal.
-        specular: [len(LEVELS), ROWS, COLUMNS, 3] mean radiance in the GGX lobe by reflected direction.
+        specular: [len(LEVELS), ROWS, COLUMNS, 3] mean radiance in the GGX lobe by direction of reflection.
     """
 
     diffuse: Float32
@@ -35,12 +36,12 @@ class Light:
 
 
 def draw_light(rng: np.random.Generator) -> Light:
-    """SamplePairs a light whose mean radiance is 1."""
+    """Draws a prefiltered light with mean radiance 1."""
     return prefiltered(draw_radiance(rng))
 
 
 def draw_radiance(rng: np.random.Generator) -> Float64:
-    """SamplePairs the map of a light whose mean radiance is 1, [ROWS, COLUMNS, 3]: every other one a rig of wide panels."""
+    """Draws a light map [ROWS, COLUMNS, 3] with mean radiance 1: wide panels, or soft boxes, with equal probability."""
     direction = _directions()
     radiance = np.ones((ROWS, COLUMNS, 3))
     if rng.random() < 0.5:
@@ -57,7 +58,7 @@ def draw_radiance(rng: np.random.Generator) -> Float64:
 
 
 def prefiltered(radiance: Float64) -> Light:
-    """Filters a map [ROWS, COLUMNS, 3] for every normal and roughness."""
+    """Filters a map [ROWS, COLUMNS, 3] for every normal and roughness (split-sum approximation, Karis 2013)."""
     kernels = _kernels()
     spectrum = np.fft.rfft(radiance, axis=1)
     product = kernels @ spectrum.transpose(1, 0, 2)  # [k, f, i, j] @ [f, j, c]
@@ -66,7 +67,7 @@ def prefiltered(radiance: Float64) -> Light:
 
 
 def _soft_box(rng: np.random.Generator, direction: Float64) -> Float64:
-    """A round lamp: its share of the irradiance is drawn, so that small lamps are bright."""
+    """Map of a round lamp. Its irradiance is drawn, so that small lamps are bright."""
     towards = _towards(rng)
     radius = np.deg2rad(np.exp(rng.uniform(np.log(4), np.log(32))))
     cosine = direction @ towards
@@ -76,7 +77,7 @@ def _soft_box(rng: np.random.Generator, direction: Float64) -> Float64:
 
 
 def _towards(rng: np.random.Generator) -> Float64:
-    """A unit direction, more often in front and above."""
+    """Unit direction, more often in front and above."""
     vector = rng.standard_normal(3) + np.array([0, -0.4, 0.5])
     return vector / np.linalg.norm(vector)
 
@@ -98,7 +99,7 @@ def _solid_angles() -> Float64:
 def _kernels() -> NDArray[np.complex128]:
     """Spectra [1 + levels, frequency, row out, row in] of zonal kernels, which are circulant in longitude.
 
-    Kernel 0 is the clamped cosine over pi; the others are D(h) (n.l) with n = v = r (split-sum prefiltering, Karis
+    Kernel 0 is the clamped cosine over pi. The others are D(h) (n.l) with n = v = r (split-sum prefiltering, Karis
     2013), each normalised to sum to 1.
     """
     directions = _directions()
@@ -116,11 +117,16 @@ def _kernels() -> NDArray[np.complex128]:
 
 @cache
 def environment_brdf(size: int = 32, samples: int = 256) -> Float32:
-    """Directional albedo of GGX split by Schlick's Fresnel: F0 * [..., 0] + [..., 1].
+    """Directional albedo of GGX, split by Schlick's Fresnel: albedo = F0 * table[..., 0] + table[..., 1].
+
+    Height-correlated Smith masking-shadowing (Heitz 2014), stratified half vectors.
+
+    Args:
+        size: samples per axis.
+        samples: half vectors per entry.
 
     Returns:
-        [size, size, 2] over (n.v, roughness) at (i + 0.5) / size; height-correlated Smith (Heitz 2014), stratified
-        half vectors.
+        [size, size, 2] over (n.v, roughness) at (i + 0.5) / size.
     """
     mu = ((np.arange(size) + 0.5) / size)[:, None, None]
     alpha = np.maximum(((np.arange(size) + 0.5) / size) ** 2, 1e-3)[None, :, None]

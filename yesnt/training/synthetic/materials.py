@@ -1,7 +1,7 @@
-"""Painted materials: what a class looks like and which roughness and metallic the world gives it.
+"""Painted materials: appearance, roughness and metallic of each material class.
 
-The table is the prior of the embedded model. Roughness is Disney's r as production assets carry it; within a class it
-is drawn per material and then varies over the surface together with the paint, so that appearance tells of it.
+The table is the prior of the embedded model. Roughness is Disney's r as in production assets. Within a class it is
+drawn per material, and varies over the surface with the paint, so that appearance predicts it.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ MATERIAL = np.dtype(
         ("fold_frequency", "f4"),  # texels of the fold tile per pixel
     ]
 )
-"""One painted material; a record array of these goes to the renderer."""
+"""One painted material; the renderer takes a record array of these."""
 
 _SKIN: Colours = ((0.68, 0.44, 0.34), (0.60, 0.33, 0.22), (0.45, 0.24, 0.15), (0.28, 0.14, 0.08), (0.10, 0.05, 0.03))
 _HAIR: Colours = (
@@ -61,19 +61,19 @@ _ANY: Colours = ()
 
 @dataclass(frozen=True)
 class MaterialClass:
-    """A kind of stuff.
+    """Statistics of a material class.
 
     Attributes:
-        name: the word.
+        name: name of the class.
         roughness: (mean, standard deviation, lowest, highest) of a material's mean roughness.
-        colours: palette; empty for any colour.
-        tiles: fine patterns that suit it.
+        colours: palette of linear Rec.709 albedos; empty: any colour.
+        tiles: fine patterns.
         off_palette: probability of a colour outside the palette.
-        metallic: 1 for bare metal.
+        metallic: 1 for bare metal, else 0.
         contrast: largest colour contrast of the fine pattern.
         variation: largest change of roughness within one material.
-        bump: largest height of the fine pattern, pixels.
-        fold: largest height of folds, pixels.
+        bump: largest height of the fine pattern in pixels.
+        fold: largest height of folds in pixels.
     """
 
     name: str
@@ -93,19 +93,19 @@ _LARGE_PRINTS = ("checks", "checks", "chequers", "chequers", "stripes", "stripes
 _CLOTH = ("woven", "knit", "satin", "denim", "leather")
 _SOLID = ("ceramic", "plastic", "moulded plastic", "wood")
 RECOLOURABLE = (*_CLOTH, "rubber", "plastic", "moulded plastic")
-"""Classes that come in any colour."""
+"""Classes that occur in any colour."""
 _COLOUR_DONORS = ("skin", "skin", "skin", "hair", "leather", "polished metal")
-"""Classes whose colours other stuff wears too: a beige shirt, a grey glove."""
+"""Classes whose colours other materials may have: a beige shirt, a grey glove."""
 
 
 @dataclass(frozen=True)
 class MaterialStyle:
-    """How stuff is coloured beyond what its class does by itself.
+    """Colour and print statistics beyond those of the class.
 
     Attributes:
         cloth_print: probability that cloth is printed with checks, chequers, stripes or dots.
-        borrowed_colour: probability that cloth, rubber or plastic has a colour of skin, hair, leather or metal.
-        solid_print: as `cloth_print`, of ceramic, plastic and wood.
+        borrowed_colour: probability that a recolourable material has a colour of skin, hair, leather or metal.
+        solid_print: probability that ceramic, plastic or wood is printed.
     """
 
     cloth_print: float = 0.0
@@ -114,6 +114,7 @@ class MaterialStyle:
 
 
 DEFAULT_STYLE = MaterialStyle()
+"""Style without large prints and borrowed colours."""
 
 _TABLE = (
     # name, (mean, std, lowest, highest) of roughness, colours, tiles,
@@ -145,29 +146,39 @@ PRIOR = {
     "brushed metal": 1.5, "polished metal": 1.5, "worn metal": 1, "plastic": 2, "rubber": 1, "ceramic": 1, "stone": 0.7,
     "moulded plastic": 1.5,
 }  # fmt: skip
-"""Relative frequency of a class where nothing else decides."""
+"""Relative frequency of a class where the scene does not restrict it."""
 
 
 CLASS_WEIGHTS = {"satin": 0.3, "leather": 0.45}
-"""How much a pixel of a class counts in the training, where not 1.
+"""Loss weight per pixel of a class, where it is not 1.
 
-Pictures show a third of all cloth in satin and leather, so that both are learnt. Most clothes are neither, and a model
-that takes every third shirt for silk is wrong on most."""
+A third of all cloth in the training images is satin or leather, so that both are learnt. In reality most clothes are
+neither; without the weights the model overestimates both.
+"""
 
 
 def class_weights() -> NDArray[np.float32]:
-    """[classes] how much a pixel of each class counts."""
+    """Returns the loss weight per pixel of each class, [classes] float32."""
     return np.array([CLASS_WEIGHTS.get(name, 1.0) for name in CLASSES], np.float32)
 
 
 def draw_class(rng: np.random.Generator) -> str:
-    """A class name from the prior."""
+    """Draws the name of a class from the prior."""
     weights = np.array(list(PRIOR.values()))
     return str(rng.choice(list(PRIOR), p=weights / weights.sum()))
 
 
 def paint(rng: np.random.Generator, name: str, style: MaterialStyle = DEFAULT_STYLE) -> NDArray[np.void]:
-    """SamplePairs one material of a class, a `MATERIAL` record."""
+    """Draws a material of a class.
+
+    Args:
+        rng: source of every choice.
+        name: key of `CLASSES`.
+        style: colour and print statistics.
+
+    Returns:
+        A `MATERIAL` record.
+    """
     kind = CLASSES[name]
     material = np.zeros((), MATERIAL)
     mean, std, low, high = kind.roughness
@@ -204,7 +215,7 @@ def paint(rng: np.random.Generator, name: str, style: MaterialStyle = DEFAULT_ST
 
 
 def _colour(rng: np.random.Generator, kind: MaterialClass) -> NDArray[np.float64]:
-    """A colour of the palette's hull with jitter, or any colour."""
+    """Linear Rec.709 colour from the palette with jitter, or any colour."""
     if kind.colours and rng.random() > kind.off_palette:
         i = int(rng.integers(len(kind.colours)))
         j = min(i + 1, len(kind.colours) - 1)

@@ -1,4 +1,4 @@
-"""Paints and shades a geometry buffer: textures, bumps, GGX under prefiltered light, contact darkening."""
+"""Paints and shades a geometry buffer: textures, bumps, GGX under prefiltered light, ambient occlusion."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ Int32 = NDArray[np.int32]
 
 @dataclass(frozen=True)
 class Rendering:
-    """A shaded picture with its truth.
+    """A rendered image with its ground truth.
 
     Attributes:
-        rgb: [3, H, W] linear, associated.
-        matte: [H, W] coverage.
+        rgb: [3, H, W] linear Rec.709, associated.
+        matte: [H, W] coverage in [0, 1].
         truth: [2, H, W] roughness and metallic, straight, antialiased; 0 outside the matte.
-        kind: [H, W] int64 number of the material class, -1 outside the matte.
+        kind: [H, W] int64 material class, -1 outside the matte.
     """
 
     rgb: Float32
@@ -37,12 +37,15 @@ class Rendering:
 
 
 def render(geometry: GeometryBuffer, materials: NDArray[np.void], light: Light) -> Rendering:
-    """Shades at the canvas's resolution and averages 2 x 2 pixels.
+    """Shades a canvas and averages 2 x 2 pixels.
 
     Args:
-        geometry: canvas [2H, 2W].
+        geometry: canvas of 2H x 2W pixels.
         materials: [n] record array of `MATERIAL`.
-        light: the capture light.
+        light: capture light.
+
+    Returns:
+        Image of H x W pixels.
     """
     painted = paint_surface(geometry.normal, geometry.uv, geometry.material, materials)
     out = np.zeros((5, *geometry.z.shape), np.float32)
@@ -56,17 +59,22 @@ def render(geometry: GeometryBuffer, materials: NDArray[np.void], light: Light) 
 
 
 def material_class(number: Int32, materials: NDArray[np.void]) -> NDArray[np.int64]:
-    """Number of the material class of every pixel, -1 where nothing is."""
+    """Returns the material class of every pixel [H, W], -1 outside the subject.
+
+    Args:
+        number: [H, W] index of the material, -1 outside the subject.
+        materials: [n] record array of `MATERIAL`.
+    """
     return np.where(number >= 0, materials["kind"][number], -1).astype(np.int64)
 
 
 def paint_surface(normal: Float32, uv: Float32, material: Int32, materials: NDArray[np.void]) -> Float32:
-    """Paints what every pixel sees.
+    """Evaluates the materials at every pixel.
 
     Args:
         normal: [H, W, 3] unit, x right, y down, z to the camera.
         uv: [H, W, 2] surface coordinates in pixels.
-        material: [H, W] number of the material, -1 where nothing is.
+        material: [H, W] index of the material, -1 outside the subject.
         materials: [n] record array of `MATERIAL`.
 
     Returns:
@@ -87,7 +95,7 @@ def _halved(planes: Float32) -> Float32:
 
 
 def _ambient_occlusion(geometry: GeometryBuffer) -> Float32:
-    """Darkening of what lies behind its surroundings: compares z with its local mean at two sizes."""
+    """Approximate occlusion of pixels that lie behind their surroundings: z against its local mean at two sizes."""
     covered = geometry.material >= 0
     if not covered.any():
         return np.ones_like(geometry.z)
@@ -138,7 +146,7 @@ def _texture(
 
 @njit(cache=True, fastmath=True)
 def _place(x: float, y: float, z: float, h: int, w: int) -> Any:
-    """Texel column and row of a direction in a lat-long map, and the remainders."""
+    """Texel column and row of a direction in a lat-long map, and the fractions."""
     v = math.acos(min(1.0, max(-1.0, -y))) / math.pi * h - 0.5
     u = (math.atan2(x, z) / (2 * math.pi) + 0.5) * w - 0.5
     fu, fv = math.floor(u), math.floor(v)
@@ -159,7 +167,7 @@ def _lookup(table: Float32, place: Any, c: int) -> float:
 
 @njit(cache=True, fastmath=True)
 def _slope(heights: Float32, material: Int32, i: int, j: int, axis: int) -> float:
-    """Central difference of the bump height within one material, limited to what a bump can be."""
+    """Central difference of the bump height within one material, limited to +-0.9."""
     number = material[i, j]
     i1, j1, i0, j0 = i, j, i, j
     if axis == 0:
@@ -173,7 +181,7 @@ def _slope(heights: Float32, material: Int32, i: int, j: int, axis: int) -> floa
 
 @njit(cache=True, fastmath=True)
 def _paint(normals: Float32, material: Int32, materials: Any, textures: Float32, out: Float32) -> None:
-    """Writes base colour (3), roughness, metallic and the bumped normal (3): [8, H, W], 0 where nothing is."""
+    """Writes base colour (3), roughness, metallic and bumped normal (3): [8, H, W], 0 outside the subject."""
     for i in range(material.shape[0]):
         for j in range(material.shape[1]):
             if material[i, j] < 0:
@@ -199,7 +207,7 @@ def _paint(normals: Float32, material: Int32, materials: Any, textures: Float32,
 
 @njit(cache=True, fastmath=True)
 def _shade(painted: Float32, material: Int32, occlusion: Float32, tables: Any, lowest: float, out: Float32) -> None:
-    """Writes radiance [3, H, W] of what `_paint` wrote, 0 where nothing is."""
+    """Writes radiance [3, H, W] of painted pixels, 0 outside the subject."""
     diffuse_map, specular_map, albedo_table = tables
     levels, size = specular_map.shape[0], albedo_table.shape[0]
     h, w = diffuse_map.shape[0], diffuse_map.shape[1]

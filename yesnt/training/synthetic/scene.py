@@ -1,4 +1,4 @@
-"""What a training picture shows: dressed figures with bands and buckles, heaps of objects, folded sheets."""
+"""Random synthetic scenes: figures made of capsules, objects, and folded sheets."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ _SHOE = ("leather", "leather", "rubber", "woven", "plastic")
 
 @dataclass
 class Scene:
-    """A canvas being filled.
+    """A canvas and its materials.
 
     Attributes:
-        geometry: what is seen, at twice the picture's resolution.
+        geometry: geometry buffer at twice the resolution of the image.
         rng: source of every choice.
-        style: how stuff is coloured.
-        materials: the paints, numbered as in `geometry.material`.
+        style: colour and print statistics of the materials.
+        materials: `MATERIAL` records; `geometry.material` holds their indices.
     """
 
     geometry: GeometryBuffer
@@ -35,18 +35,24 @@ class Scene:
     materials: list[NDArray[np.void]] = field(default_factory=list)
 
     def paint(self, names: tuple[str, ...] = ()) -> int:
-        """Adds a material of one of the classes (none: of any) and returns its number."""
+        """Adds a material of one of the classes (none: of a class from the prior) and returns its index."""
         name = str(self.rng.choice(names)) if names else draw_class(self.rng)
         self.materials.append(paint(self.rng, name, self.style))
         return len(self.materials) - 1
 
     def paints(self) -> NDArray[np.void]:
-        """All materials as one record array."""
+        """Returns all materials as one record array."""
         return np.array(self.materials, dtype=MATERIAL)
 
 
 def draw_scene(rng: np.random.Generator, size: int, style: MaterialStyle = DEFAULT_STYLE) -> Scene:
-    """Fills a canvas of size x size: a third with a figure of plain solids, the others with objects or sheets."""
+    """Draws a scene on a canvas of size x size pixels: a figure (35 %), or objects and sheets.
+
+    Args:
+        rng: source of every choice.
+        size: side of the canvas in pixels.
+        style: colour and print statistics of the materials.
+    """
     scene = Scene(GeometryBuffer.empty(size), rng, style)
     kind = rng.random()
     if kind < 0.35:
@@ -61,7 +67,7 @@ def draw_scene(rng: np.random.Generator, size: int, style: MaterialStyle = DEFAU
 
 @dataclass(frozen=True)
 class _Body:
-    """FeatureSamples a figure: unit height, origin at the crown, y down, turned about the vertical."""
+    """Coordinate frame of a figure: unit height, origin at the crown, y down, rotated about the vertical."""
 
     scene: Scene
     scale: float
@@ -69,7 +75,7 @@ class _Body:
     turn: float
 
     def place(self, point: tuple[float, float, float], radius: float) -> Float64:
-        """A point of the body's own space and a radius about it in the scene's, [4]."""
+        """Maps a point and a radius of the body's space to the canvas, [4]."""
         x, y, z = point
         c, s = np.cos(self.turn), np.sin(self.turn)
         placed = np.array([c * x + s * z, y, c * z - s * x]) * self.scale + self.origin
@@ -78,7 +84,7 @@ class _Body:
     def limb(
         self, a: tuple[float, float, float], b: tuple[float, float, float], radii: tuple[float, float], material: int
     ) -> None:
-        """A limb, now and then with a band around it."""
+        """Draws a limb, in 22 % of cases with a band around it."""
         start, end = self.place(a, radii[0]), self.place(b, radii[1])
         flat = 1.0
         self.scene.geometry.capsule(start, end, flat, material)
@@ -91,7 +97,7 @@ class _Body:
             self.scene.geometry.capsule(first, last, flat, self.scene.paint(_BAND))
 
     def dot(self, point: tuple[float, float, float], radius: float, material: int) -> None:
-        """A small lump, slightly flattened."""
+        """Draws a small, slightly flattened ball."""
         placed = self.place(point, radius)
         self.scene.geometry.capsule(placed, placed + np.array([0.01, 0, 0, 0]), 0.7, material)
 

@@ -1,4 +1,4 @@
-"""Primitives seen from the front, splatted into a depth-tested G-buffer (orthographic, camera looks along -z)."""
+"""Primitives rasterised into a depth-tested geometry buffer (orthographic, the camera looks along -z)."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ Float64 = NDArray[np.float64]
 Int32 = NDArray[np.int32]
 
 EMPTY = -1
-"""Material number of a pixel that nothing covers."""
+"""Index of the material of an empty pixel."""
 
 
 @dataclass(frozen=True)
 class GeometryBuffer:
-    """What every pixel of the canvas sees.
+    """Visible surface per pixel of the canvas.
 
     Attributes:
-        z: [H, W] height towards the camera, pixels.
+        z: [H, W] height towards the camera in pixels.
         normal: [H, W, 3] unit, x right, y down, z to the camera.
         uv: [H, W, 2] surface coordinates in pixels.
-        material: [H, W] int32 number of the material, `EMPTY` for none.
+        material: [H, W] int32 index of the material, `EMPTY` for none.
     """
 
     z: Float32
@@ -35,7 +35,7 @@ class GeometryBuffer:
 
     @classmethod
     def empty(cls, size: int) -> GeometryBuffer:
-        """A canvas of size x size with nothing on it."""
+        """Returns an empty canvas of size x size pixels."""
         return cls(
             np.full((size, size), -1e9, np.float32),
             np.zeros((size, size, 3), np.float32),
@@ -44,27 +44,34 @@ class GeometryBuffer:
         )
 
     def capsule(self, a: Float64, b: Float64, flat: float, material: int) -> None:
-        """A cone with round ends.
+        """Draws a cone with spherical ends.
 
         Args:
             a: (x, y, z, radius) of one end, pixels.
             b: the other end.
             flat: depth of the cross-section over its width.
-            material: number of the material.
+            material: index of the material.
         """
         _capsule(self.z, self.normal, self.uv, self.material, a, b, flat, material)
 
     def box(self, centre: Float64, half: Float64, turn: Float64, material: int) -> None:
-        """A box: centre (x, y, z), half sizes (3), rotation (rows are the box's axes), pixels."""
+        """Draws a box.
+
+        Args:
+            centre: (x, y, z) in pixels.
+            half: half sizes [3] in pixels.
+            turn: rotation [3, 3]; rows are the axes of the box.
+            material: index of the material.
+        """
         _box(self.z, self.normal, self.uv, self.material, centre, half, turn, material)
 
     def sheet(self, plane: Float64, waves: Float64, material: int) -> None:
-        """A folded sheet.
+        """Draws a folded sheet.
 
         Args:
-            plane: (x, y, z, half width, half height, angle in the picture).
+            plane: (x, y, z, half width, half height, angle in the image).
             waves: [n, 4] of (wave vector x, y in radians per pixel, phase, height in pixels).
-            material: number of the material.
+            material: index of the material.
         """
         _sheet(self.z, self.normal, self.uv, self.material, plane, waves, material)
 
@@ -76,7 +83,7 @@ def _capsule(
     size = z.shape[0]
     ax, ay, az = b[0] - a[0], b[1] - a[1], (b[2] - a[2]) / flat
     slope = b[3] - a[3]
-    # Points of the axis within reach: q(t) = r(t)^2 - |p - c(t)|^2 in the picture plane = top - bend (t - t0)^2.
+    # Points of the axis within reach: q(t) = r(t)^2 - |p - c(t)|^2 in the image plane = top - bend (t - t0)^2.
     bend = max(ax * ax + ay * ay - slope * slope, 1e-6)
     length = math.sqrt(ax * ax + ay * ay + az * az) + 1e-9
     reach = max(a[3], b[3])

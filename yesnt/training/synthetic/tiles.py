@@ -1,4 +1,4 @@
-"""Seamless greyscale tiles from which materials are painted: noise, weaves, strands, grain."""
+"""Seamless greyscale textures from which materials are painted: noise, weaves, strands, grain."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ NAMES = (
     "plain", "cloudy", "mottled", "gritty", "weave", "twill", "knit", "strands", "grain", "pores", "streaks",
     "stripes", "checks", "dots", "blotches", "hammered", "chequers",
 )  # fmt: skip
-"""Tile names in the order of `tile_bank`."""
+"""Names of the tiles in the order of `tile_bank`."""
 
 
 def tile_index(name: str) -> int:
-    """Position of a tile in the bank."""
+    """Returns the index of a tile in the bank."""
     return NAMES.index(name)
 
 
 @cache
 def tile_bank() -> Float32:
-    """All tiles [len(NAMES), SIZE, SIZE], each with mean 0 and range within about [-1, 1]."""
+    """Returns all tiles [len(NAMES), SIZE, SIZE], each with mean 0 and a range of about [-1, 1]."""
     rng = np.random.default_rng(20)
     y, x = np.mgrid[0:SIZE, 0:SIZE] * (2 * np.pi * CYCLES / SIZE)
     cloudy, mottled, gritty = (_spectral(rng, power, (1, 1)) for power in (1.8, 1.2, 0.4))
@@ -63,7 +63,7 @@ def _centred(tile: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _spectral(rng: np.random.Generator, power: float, stretch: tuple[int, int]) -> NDArray[np.float64]:
-    """Periodic noise with amplitude ~ frequency^-power; `stretch` makes it long in y or in x."""
+    """Periodic noise with amplitude ~ frequency^-power; `stretch` elongates it in y or in x."""
     fy, fx = np.fft.fftfreq(SIZE)[:, None] * stretch[0], np.fft.rfftfreq(SIZE)[None, :] * stretch[1]
     radius = np.maximum(np.hypot(fy, fx), 1 / SIZE)
     spectrum = np.fft.rfft2(rng.standard_normal((SIZE, SIZE))) * radius**-power
@@ -73,13 +73,13 @@ def _spectral(rng: np.random.Generator, power: float, stretch: tuple[int, int]) 
 
 
 def _weave(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Plain weave: warp and weft change places from thread to thread."""
+    """Plain weave: warp and weft alternate from thread to thread."""
     over = np.sin(x / 2) * np.sin(y / 2) > 0
     return np.where(over, np.abs(np.sin(x / 2)) * 0.5 + 0.5, np.abs(np.sin(y / 2)) * 0.5)
 
 
 def _cells(rng: np.random.Generator) -> NDArray[np.float64]:
-    """Distance to the nearest of scattered points, periodic."""
+    """Distance to the nearest of random points, periodic."""
     points = rng.random((CYCLES * CYCLES, 2)) * SIZE
     y, x = np.mgrid[0:SIZE, 0:SIZE]
     nearest = np.full((SIZE, SIZE), np.inf)

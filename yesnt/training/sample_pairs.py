@@ -1,4 +1,4 @@
-"""Pairs of draws that the denoiser is trained with: fresh noise at a random time, keyed by the step."""
+"""Pairs of samples for the energy score: the denoiser applied to fresh noise at random diffusion times."""
 
 from __future__ import annotations
 
@@ -11,27 +11,30 @@ from yesnt.decompose.weights import SMOOTH_SIGMAS
 
 
 class SamplePairs:
-    """Source of draws.
+    """Draws pairs of samples; all randomness is keyed by seed and training step.
 
     Args:
-        seed: of all noise.
-        patch: side of a patch P.
+        seed: seed of all noise.
+        patch: side P of a patch in pixels.
     """
 
     def __init__(self, seed: int, patch: int) -> None:
         self._seed = seed
-        self._noise = _noise_pool(seed, patch)
+        self._fields = _noise_fields(seed, patch)
 
-    def pair(
+    def draw(
         self, denoiser: Denoiser, condition: torch.Tensor, clean: torch.Tensor, step: int
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Two independent draws for every patch, each from its own noise at the patch's random time.
+        """Draws two independent samples per patch, each from its own noise at the patch's random diffusion time.
 
         Args:
-            denoiser: who draws.
-            condition: [B, C, P/2, P/2].
-            clean: [B, 2, P, P] truth in [-1, 1].
-            step: of the training; with the seed it decides all noise.
+            denoiser: network that draws.
+            condition: [B, C, P/2, P/2] condition of the denoiser.
+            clean: [B, 2, P, P] ground truth in [-1, 1].
+            step: training step.
+
+        Returns:
+            Two tensors [B, 2, P, P].
         """
         generator = torch.Generator().manual_seed(self._seed * 1_000_003 + step)
         rows = len(clean)
@@ -51,15 +54,18 @@ class SamplePairs:
         return first, second
 
     def _smooth(self, generator: torch.Generator, rows: int, patch: int) -> torch.Tensor:
-        """Crops of ready noise fields, of different fields for the two draws of one patch."""
-        fields = torch.randperm(len(self._noise), generator=generator)[:rows].tolist()
-        places = torch.randint(0, self._noise.shape[-1] - patch, (rows, 2), generator=generator).tolist()
+        """Crops of the stored fields; the two samples of a patch use different fields."""
+        fields = torch.randperm(len(self._fields), generator=generator)[:rows].tolist()
+        places = torch.randint(0, self._fields.shape[-1] - patch, (rows, 2), generator=generator).tolist()
         return torch.stack(
-            [self._noise[f, :, y : y + patch, x : x + patch] for f, (y, x) in zip(fields, places, strict=True)]
+            [self._fields[f, :, y : y + patch, x : x + patch] for f, (y, x) in zip(fields, places, strict=True)]
         )
 
 
-def _noise_pool(seed: int, patch: int, count: int = 96) -> torch.Tensor:
-    """[count, smooth planes, side, side] ready fields: blurring anew at every step would cost more than the network."""
+def _noise_fields(seed: int, patch: int, count: int = 96) -> torch.Tensor:
+    """[count, smooth planes, 2P, 2P] noise fields made in advance.
+
+    Blurring new fields at every step would cost more than the network.
+    """
     side = 2 * patch
     return torch.from_numpy(np.stack([member_noise((seed, -1, k), side, side, SMOOTH_SIGMAS) for k in range(count)]))

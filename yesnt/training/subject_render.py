@@ -1,4 +1,4 @@
-"""Photographs a painted, triangulated subject for training: camera rays, coverage, the project's own relighting."""
+"""Renders a painted triangle mesh for training: primary rays, coverage, and the project's own relighting."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
 _SETTINGS = RelightSettings.from_quality("draft", texels=256, rows=64, clusters=40, bounce=1, edges=False)
-"""What a training plate is lit with: under a nearly even light coarser is hardly different."""
+"""Relighting settings of training images; their light is nearly even, so coarser light sampling hardly changes them."""
 
 
 @dataclass(frozen=True)
 class View:
-    """What every pixel's ray meets.
+    """First hits of the rays through the pixel centres.
 
     Attributes:
-        corners: [H, W, 3] vertices of the triangle.
-        weights: [H, W, 3] barycentric, 0 where nothing is met.
-        z: [H, W] planar depth in metres, 1e10 where nothing is met.
+        corners: [H, W, 3] vertex indices of the triangle.
+        weights: [H, W, 3] barycentric weights, 0 where the ray hits nothing.
+        z: [H, W] planar depth in metres, 1e10 where the ray hits nothing.
     """
 
     corners: NDArray[np.int32]
@@ -40,7 +40,13 @@ class View:
 
     @classmethod
     def look(cls, camera: Camera, scene: ProxyScene, faces: NDArray[np.int32]) -> View:
-        """Casts a ray through the middle of every pixel of the camera's frame 0."""
+        """Casts a ray through the centre of every pixel of frame 0 of a camera.
+
+        Args:
+            camera: camera with a pose for frame 0.
+            scene: ray-tracing scene of the mesh.
+            faces: [F, 3] vertex indices of the mesh.
+        """
         rays = camera.rays(0).reshape(-1, 3)
         found = _cast(camera, scene, rays)
         met = found["primID"] >= 0
@@ -53,25 +59,25 @@ class View:
 
     @property
     def seen(self) -> NDArray[np.bool_]:
-        """[H, W] where something is met."""
+        """[H, W] whether the ray hits the mesh."""
         return self.z < 1e9
 
     def interpolate(self, values: Float64) -> Float32:
-        """Per vertex [V, ...] to per pixel [H, W, ...]."""
+        """Interpolates values per vertex [V, ...] to pixels [H, W, ...]."""
         taken = np.asarray(values, dtype=np.float32)[self.corners]
         return np.einsum("hwk,hwk...->hw...", self.weights, taken)
 
 
 @dataclass(frozen=True)
 class Subject:
-    """What stands before the camera.
+    """A mesh with materials.
 
     Attributes:
-        vertices: [V, 3] world metres.
+        vertices: [V, 3] world space, metres.
         faces: [F, 3] triangles, counter-clockwise seen from outside.
-        normals: [V, 3] unit.
-        uv: [V, 2] paint coordinates, about a pixel a unit.
-        number: the material's number at each pixel [H, W] of a view, -1 where nothing is.
+        normals: [V, 3] unit vectors.
+        uv: [V, 2] texture coordinates of about one pixel per unit.
+        number: function from a view to the index of the material at each pixel [H, W], -1 outside the subject.
         materials: [n] record array of `MATERIAL`.
     """
 
@@ -84,11 +90,20 @@ class Subject:
 
 
 def render_subject(rng: np.random.Generator, subject: Subject, camera: Camera) -> Rendering:
-    """Paints what frame 0 of a camera sees of the subject and lights it with a drawn capture light."""
+    """Paints what frame 0 of a camera sees of a subject, and shades it under a random capture light.
+
+    Args:
+        rng: source of the light.
+        subject: mesh with materials.
+        camera: camera with a pose for frame 0.
+
+    Returns:
+        Image with ground truth.
+    """
     scene = ProxyScene.from_arrays(subject.vertices, subject.faces)
     view = View.look(camera, scene, subject.faces)
     number = subject.number(view)
-    turn = camera.poses[0][:3, :3] @ np.diag([1.0, 1.0, -1.0])  # picture axes (x right, y down, z to the camera)
+    turn = camera.poses[0][:3, :3] @ np.diag([1.0, 1.0, -1.0])  # image axes (x right, y down, z to the camera)
     normal = _unit(view.interpolate(subject.normals) @ turn).astype(np.float32)
     painted = paint_surface(normal, view.interpolate(subject.uv), number, subject.materials)
     planes = painted.transpose(1, 2, 0)
@@ -105,14 +120,14 @@ def render_subject(rng: np.random.Generator, subject: Subject, camera: Camera) -
 
 
 def _cast(camera: Camera, scene: ProxyScene, rays: NDArray[np.floating]) -> Any:
-    """First hits of rays [R, 3] from the eye; `tfar` is a distance in metres."""
+    """First hits of rays [R, 3] from the camera position; `tfar` is the distance in metres."""
     unit = (rays / np.linalg.norm(rays, axis=1, keepdims=True)).astype(np.float32)
     eye = np.broadcast_to(camera.position(0).astype(np.float32), unit.shape)
     return scene.trace(eye, unit)
 
 
 def _coverage(camera: Camera, scene: ProxyScene, view: View) -> Float32:
-    """[H, W] share of four rays a pixel that meet the subject; at least one where the middle does."""
+    """[H, W] fraction of four rays per pixel that hit the subject; at least one where the centre ray does."""
     rays = camera.rays(0)
     right, down = rays[0, 1] - rays[0, 0], rays[1, 0] - rays[0, 0]
     total = np.zeros(view.z.shape)
@@ -123,7 +138,7 @@ def _coverage(camera: Camera, scene: ProxyScene, view: View) -> Float32:
 
 
 def _lit(rng: np.random.Generator, surface: Surface, base: Float32, scene: ProxyScene) -> Float32:
-    """Radiance [H, W, 3] under a drawn capture light."""
+    """Radiance [H, W, 3] under a random capture light."""
     env = EnvMap.from_array(draw_radiance(rng)).turned((rng.uniform(-180, 180), 0.0, 0.0))
     pixels = gather_pixels(surface)
     occluders = find_occluders(surface, pixels, scene, _SETTINGS)

@@ -1,4 +1,4 @@
-"""The archives of people's and things' pictures: made once, resumable, each a function of (seed, number)."""
+"""Archive of rendered people and procedural objects: each file is a function of (seed, number) and is made once."""
 
 from __future__ import annotations
 
@@ -19,23 +19,29 @@ STYLE_GROUPS = (
     (150, MaterialStyle(cloth_print=0.6)),
     (250, MaterialStyle(cloth_print=0.3, borrowed_colour=0.5)),
 )
-"""How many people have which style, in the order of their numbers; everyday hardly shows a print or a beige shirt."""
+"""Number of people per material style, in the order of their numbers. The default style has few prints and few garments
+in colours of skin.
+"""
 
 PEOPLE = sum(count for count, _ in STYLE_GROUPS)
-"""People in the whole archive."""
+"""Number of people in the whole archive."""
 
 VIEWS = 3
-"""Poses, cameras and lights that each dressed person is seen in."""
+"""Views of each person, each with its own pose, camera and light."""
 
 OBJECTS = 600
-"""Single things in the archive."""
+"""Number of procedural objects in the whole archive."""
 
 OBJECT_VIEWS = 2
-"""Cameras and lights that each thing is seen in."""
+"""Views of each object, each with its own camera and light."""
 
 
 def style_of(number: int) -> MaterialStyle:
-    """What the number-th person likes to wear."""
+    """Returns the material style of a person.
+
+    Raises:
+        ValueError: the number is beyond the archive.
+    """
     for count, style in STYLE_GROUPS:
         if number < count:
             return style
@@ -44,49 +50,65 @@ def style_of(number: int) -> MaterialStyle:
 
 
 def interleaved_people() -> list[int]:
-    """Numbers of all people in the order they are made and shown: any beginning has its share of every wardrobe."""
+    """Returns the numbers of all people in the order in which they are made and used.
+
+    Any beginning of the order contains every style group in its proportion.
+    """
     starts = np.cumsum([0, *(count for count, _ in STYLE_GROUPS)])
-    turns = []
+    ordered = []
     for start, (count, _) in zip(starts[:-1], STYLE_GROUPS, strict=True):
-        turns += [((k + 0.5) / count, int(start) + k) for k in range(count)]
-    return [number for _, number in sorted(turns)]
+        ordered += [((k + 0.5) / count, int(start) + k) for k in range(count)]
+    return [number for _, number in sorted(ordered)]
 
 
 def person_path(folder: Path, seed: int, number: int) -> Path:
-    """Where the number-th person's pictures are kept."""
+    """Path of the archive file of a person."""
     return folder / f"people.{seed}" / f"{number:05d}.npz"
 
 
 def make_person(folder: Path, seed: int, number: int, bodies: Sequence[Path]) -> bool:
-    """Makes one person's pictures; False if they were there."""
+    """Renders a person into the archive; returns False if the file exists.
+
+    Args:
+        folder: folder of the training.
+        seed: seed of the archive.
+        number: number of the person.
+        bodies: files of the bodies in rest pose.
+    """
     path = person_path(folder, seed, number)
     if path.exists():
         return False
     rng = np.random.Generator(np.random.Philox(key=[seed, number]))
     body = open_body(bodies[number % len(bodies)])
     person = draw_person(rng, body, style_of(number))
-    _keep(path, [render_person(rng, person) for _ in range(VIEWS)])
+    _write(path, [render_person(rng, person) for _ in range(VIEWS)])
     return True
 
 
 def object_path(folder: Path, seed: int, number: int) -> Path:
-    """Where the number-th thing's pictures are kept."""
-    return folder / f"things.{seed}" / f"{number:05d}.npz"
+    """Path of the archive file of a procedural object."""
+    return folder / f"objects.{seed}" / f"{number:05d}.npz"
 
 
 def make_object(folder: Path, seed: int, number: int) -> bool:
-    """Makes one thing's pictures; False if they were there."""
+    """Renders a procedural object into the archive; returns False if the file exists.
+
+    Args:
+        folder: folder of the training.
+        seed: seed of the archive.
+        number: number of the object.
+    """
     path = object_path(folder, seed, number)
     if path.exists():
         return False
     rng = np.random.Generator(np.random.Philox(key=[seed, 1_000_000 + number]))
-    thing = draw_object(rng)
-    _keep(path, [render_object(rng, thing) for _ in range(OBJECT_VIEWS)])
+    drawn = draw_object(rng)
+    _write(path, [render_object(rng, drawn) for _ in range(OBJECT_VIEWS)])
     return True
 
 
-def _keep(path: Path, views: Sequence[Rendering]) -> None:
-    """Writes pictures in half precision, whole or not at all."""
+def _write(path: Path, views: Sequence[Rendering]) -> None:
+    """Writes views in half precision, atomically."""
     planes = {name: np.stack([getattr(view, name) for view in views]) for name in ("rgb", "matte", "truth", "kind")}
     path.parent.mkdir(parents=True, exist_ok=True)
     half = {name: plane.astype(np.int8 if name == "kind" else np.float16) for name, plane in planes.items()}
@@ -96,7 +118,7 @@ def _keep(path: Path, views: Sequence[Rendering]) -> None:
 
 @lru_cache(maxsize=2048)
 def open_views(path: Path) -> tuple[Rendering, ...]:
-    """The views of a person or thing, as they were rendered but for half precision."""
+    """Reads the views of a person or object: the renderings in half precision."""
     with np.load(path) as data:
         rgb, matte, truth, kind = (data[name] for name in ("rgb", "matte", "truth", "kind"))
     return tuple(Rendering(*planes) for planes in zip(rgb, matte, truth, kind, strict=True))

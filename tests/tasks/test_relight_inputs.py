@@ -88,8 +88,8 @@ def test_only_one_module_assembles_a_frame_for_the_relighting_kernel():
         }
         if kernels & names:
             callers.add(path.relative_to(PACKAGE))
-    # training/photo.py lights synthetic pixels that belong to no shot.
-    others = {path for path in callers if path.parts[0] != "relight"} - {Path("training/photo.py")}
+    # training/subject_render.py lights synthetic pixels that belong to no shot.
+    others = {path for path in callers if path.parts[0] != "relight"} - {Path("training/subject_render.py")}
     assert others == {Path("tasks/relight_inputs.py")}
 
 

@@ -396,3 +396,13 @@ def test_docs_name_every_knob_of_relighting() -> None:
 
     text = section("docs/relight.md", "Qualities and knobs")
     assert set(re.findall(r"`(\w+)`", text)) >= {field.name for field in dataclasses.fields(RelightSettings)}
+
+
+def test_backends_page_lists_every_backend_with_its_knobs_and_defaults() -> None:
+    from yesnt.decompose.registry import ENTRIES
+
+    rows = dict(re.findall(r"^\| `([a-z-]+)` \|.*\| ([^|]*) \|$", text_of("docs/backends.md"), re.M))
+    assert set(rows) == set(ENTRIES)
+    for name, entry in ENTRIES.items():
+        knobs = {knob: str(spec.default).lower() for knob, spec in entry.knobs.items()}
+        assert dict(re.findall(r"(\w+) \((\w*)\)", rows[name])) == knobs, name

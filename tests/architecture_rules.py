@@ -75,10 +75,12 @@ WORDS = {
     "reels?": "video segment",
     "films?(?! set)": "pixel filter (reconstruction filter) or video",
     "judg": "scorer",
-    "things?": "procedural objects",
     "outfit": "garments",
 }
 """Word that is not used, as a pattern of its beginning or with `s?` of the whole word, and what is written instead."""
+
+NAMES = {"things?": "procedural objects"}
+"""The same for identifiers alone."""
 
 WORDS_OF_FOLDERS = {
     "measure": {"labs?": "experiment harness"},
@@ -192,9 +194,10 @@ def without_docstring(tree: SourceTree) -> Iterator[str]:
 def forbidden_words(tree: SourceTree) -> Iterator[str]:
     """Words that have a standard term, in identifiers and docstrings."""
     for module in ours(tree):
-        texts = [re.sub(r"(?<=[a-z])(?=[A-Z])|_", " ", name) for name in module.identifiers] + list(module.docstrings)
+        names = [re.sub(r"(?<=[a-z])(?=[A-Z])|_", " ", name) for name in module.identifiers]
         words = WORDS | WORDS_OF_FOLDERS.get(module.name.partition(".")[0], {})
-        yield from (f"{module}: {word}, write {words[word]}" for word in words if _holds(word, texts))
+        yield from (f"{module}: {w}, write {words[w]}" for w in words if _holds(w, [*names, *module.docstrings]))
+        yield from (f"{module}: {w}, write {NAMES[w]}" for w in NAMES if _holds(w, names))
 
 
 def archaic_phrases(tree: SourceTree) -> Iterator[str]:

@@ -16,6 +16,7 @@ import ast
 import json
 import os
 import random
+import re
 import shutil
 import subprocess
 import sys
@@ -117,16 +118,31 @@ class Copy:
         self.root, self._warm, self._tried = home / "tree", home / "warm", home / "tried"
         shutil.copytree(ROOT, self.root, symlinks=True, ignore=shutil.ignore_patterns(*NOT_COPIED))
         self._users = _users(SourceTree(self.root))
+        self._seconds: dict[str, float] = {}
 
     def baseline(self, folder: str) -> None:
-        """Runs a folder's tests unchanged.
+        """Runs a folder's tests unchanged, and notes how long each file takes.
 
         Raises:
             SystemExit: they fail, so that nothing can be judged.
         """
-        status, output, _ = self._test(_tests(self.root, folder), self._warm)
+        files = [str(p.relative_to(self.root)) for p in sorted((self.root / "tests" / folder).glob("test_*.py"))]
+        status, output, _ = self._test([*files, "--durations=0", "--durations-min=0.02"], self._warm)
         if status:
-            sys.exit(f"The tests of {folder} fail without a mutant:\n{output}")
+            sys.exit(f"The tests of {folder} fail without a mutant:\n{output[-3000:]}")
+        self._seconds |= dict.fromkeys(files, 0.0)
+        for seconds, name in re.findall(r"^([\d.]+)s \w+ +(tests/[^:]+)::", output, re.M):
+            self._seconds[name] += float(seconds)
+
+    def _tests(self, mutant: Mutant) -> list[str]:
+        """Test files of a mutant's folder, those that import its module first, then the fast ones."""
+        module = mutant.file.removesuffix(".py").replace("/", ".")
+        imported = re.compile(
+            rf"{re.escape(module)}\b|from {re.escape(module.rpartition('.')[0])} import .*\b{Path(mutant.file).stem}\b"
+        )
+        files = [name for name in self._seconds if name.startswith(f"tests/{mutant.folder}/")]
+        related = {name for name in files if imported.search((self.root / name).read_text())}
+        return sorted(files, key=lambda name: (name not in related, self._seconds[name]))
 
     def judge(self, mutant: Mutant) -> Verdict:
         """Tries one mutant and takes it back."""
@@ -135,7 +151,7 @@ class Copy:
         caches = self._caches_without(mutant)
         path.write_bytes(mutant.apply(source))
         try:
-            status, output, seconds = self._test(_tests(self.root, mutant.folder, Path(mutant.file).stem), caches)
+            status, output, seconds = self._test(self._tests(mutant), caches)
         finally:
             path.write_bytes(source)
             os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
@@ -168,7 +184,7 @@ class Copy:
         with _group(command, self.root, environment) as process:
             with suppress(subprocess.TimeoutExpired):
                 output, _ = process.communicate(timeout=RUN_SECONDS)
-                return process.returncode, output[-3000:], time.monotonic() - start
+                return process.returncode, output, time.monotonic() - start
         return TESTS_FAILED[0], "it did not end", time.monotonic() - start
 
 
@@ -199,12 +215,6 @@ def _users(tree: SourceTree) -> dict[str, frozenset[str]]:
                 users[other].add(start)
                 stack.append(other)
     return {name: frozenset(found) for name, found in users.items()}
-
-
-def _tests(root: Path, folder: str, first: str = "") -> list[str]:
-    """The folder's test files, that of the changed module first."""
-    files = sorted((root / "tests" / folder).glob("test_*.py"), key=lambda p: (p.stem != f"test_{first}", p.name))
-    return [str(path.relative_to(root)) for path in files]
 
 
 def _failed(output: str) -> str:

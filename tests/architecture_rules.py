@@ -31,7 +31,17 @@ NETWORKS = (
 )  # fmt: skip
 """Modules of decompose/ that find and read weights; the ensemble reaches them through a protocol alone."""
 
-EVALUATION_TASKS = ("tasks", "sequence_tasks", "scorer", "scene", "subjects", "rows", "nets", "pictures")
+EVALUATION_TASKS = (
+    "tasks",
+    "sequence_tasks",
+    "scorer",
+    "scene",
+    "subjects",
+    "rows",
+    "nets",
+    "pictures",
+    "task_records",
+)
 """Modules of the evaluation that run on workers; they know nothing of drivers and sessions."""
 
 MODULES = {

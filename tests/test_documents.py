@@ -52,13 +52,7 @@ def code_blocks(text: str, language: str) -> list[str]:
 def stage_table() -> str:
     rows = ["| stage | a task holds | reads | writes |", "|---|---|---|---|"]
     for stage in STAGES.values():
-        files = {
-            "window": "its frames' observed, spread",
-            "composite": "EXR sequence",
-            "preview": "video, contact sheet",
-        }
-        writes = ", ".join(stage.arrays) or files[stage.name]
-        rows.append(f"| {stage.name} | {stage.per} | {stage.reads} | {writes} |")
+        rows.append(f"| {stage.name} | {stage.holds} | {stage.reads} | {', '.join(stage.writes)} |")
     return "\n".join(rows)
 
 
@@ -388,7 +382,7 @@ def test_channel_registry_is_whole() -> None:
 
 
 def test_no_stage_writes_what_is_not_a_channel() -> None:
-    assert {array for stage in STAGES.values() for array in stage.arrays} == set(STORED)
+    assert {channel for stage in STAGES.values() for channel in stage.channels} == set(STORED)
 
 
 def test_docs_name_every_knob_of_relighting() -> None:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from yesnt.planning.graph import Graph, Node
-from yesnt.workflows.shot import shot_graph
+from yesnt.planning.stages import FLOW, SOLVE
 
 if TYPE_CHECKING:
     from yesnt.measure.evaluation.plan import EvalPlan
@@ -15,13 +15,13 @@ if TYPE_CHECKING:
 
 def evaluation_graph(plan: EvalPlan) -> Graph:
     """All nodes of a shot but those of the constants and of the ladder with own materials, needs first."""
-    return Graph(node for node in _nodes(plan) if not node.stage.startswith("steps."))
+    return Graph(node for node in _nodes(plan) if node.stage.name != "steps")
 
 
 def ladder_graph(plan: EvalPlan) -> Graph:
     """The ladder with own materials, which comes after all shots have their main rows, and what it needs."""
     graph = Graph(_nodes(plan))
-    return graph.closure([node.id for node in graph if node.stage.startswith("steps.")])
+    return graph.closure([node.id for node in graph if node.stage.name == "steps"])
 
 
 def constants_graph(plan: EvalPlan, constants: Mapping[str, tuple[float, float]]) -> Graph:
@@ -30,32 +30,31 @@ def constants_graph(plan: EvalPlan, constants: Mapping[str, tuple[float, float]]
 
 
 def _nodes(plan: EvalPlan) -> Iterator[Node]:
-    keys: dict[tuple[str, int], str] = {}
+    graph = Graph()
 
     def add(node: Node) -> Node:
-        for frame in node.frames:
-            keys[node.stage, frame] = node.frame_key(frame)
+        graph.extend([node])
         return node
 
     if not plan.lacking:
-        product = shot_graph(plan.session.plan())
-        wanted = [node.id for node in product if node.stage in ("solve", "flow")]
+        product = plan.session.graph()
+        wanted = [node.id for node in product if node.stage in (SOLVE, FLOW)]
         for node in product.closure(wanted):
             yield add(node)
-        yield add(plan.material(keys))
+        yield add(plan.material(graph))
     if plan.exact_arrays:
-        yield add(plan.exact(keys))
+        yield add(plan.exact(graph))
     names = [name for name, _ in plan.subject.maps]
-    yield from (add(plan.search(name)) for name in plan.probed)
+    yield from (add(plan.search(name, graph)) for name in plan.probed)
     # Frame by frame and then map by map: a frame's scene stays in its worker.
     for frame in plan.frames:
-        yield from (add(plan.given(name, frame)) for name in names if frame in plan.judged(name))
+        yield from (add(plan.given(name, frame, graph)) for name in names if frame in plan.judged(name))
         proxies = (n for n in names if frame in plan.judged(n) and "blender_proxy" not in plan.absent(n))
-        yield from (add(plan.reference(name, frame)) for name in proxies)
+        yield from (add(plan.reference(name, frame, graph)) for name in proxies)
         filmed = (name for name in names if plan.filmed(name) or frame in plan.judged(name))
-        yield from (add(plan.judge(name, frame, keys)) for name in filmed)
+        yield from (add(plan.judge(name, frame, graph)) for name in filmed)
     if not plan.lacking:
         climbed = [(name, frame) for name in plan.probed for frame in plan.judged(name)]
-        yield from (add(plan.steps(name, frame, keys)) for name, frame in climbed)
-    yield from (add(plan.bounces(name)) for name in names if plan.early(name))
-    yield from (add(plan.film(name, keys)) for name in names if plan.filmed(name))
+        yield from (add(plan.steps(name, frame, graph)) for name, frame in climbed)
+    yield from (add(plan.bounces(name, graph)) for name in names if plan.early(name))
+    yield from (add(plan.film(name, graph)) for name in names if plan.filmed(name))

@@ -5,7 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from yesnt.capture_stage.jobs import stage_jobs
+from yesnt.core.stage_id import StageId
 from yesnt.planning.graph import Graph, Node
+from yesnt.planning.task_records import RenderTask
+
+RENDER = StageId("render")
 
 BUILDS_ON = {"reference": "objects"}
 """The reference row relights the proxy meshes that the objects set leaves."""
@@ -19,7 +23,7 @@ def stage_graph(set_names: Sequence[str], small: bool) -> Graph:
     nodes = []
     for i, job in enumerate(jobs):
         base = first.get((BUILDS_ON.get(job.set_name, ""), job.subject))
-        needs = () if base is None else (("render", base),)
+        needs = () if base is None else ((RENDER, base),)
         # A record is named by its job, so that a set keeps its records whichever sets are asked for beside it.
-        nodes.append(Node("render", i, (int(job.key[:12], 16),), {"job": job.key}, needs, {"job": job}))
+        nodes.append(Node(RENDER, i, (int(job.key[:12], 16),), {"job": job.key}, needs, RenderTask(job)))
     return Graph(nodes)

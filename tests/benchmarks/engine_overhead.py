@@ -2,9 +2,9 @@
 
     python tests/benchmarks/engine_overhead.py [--frames 64] [--workers 1 2]
 
-Kernel time is the time inside `Workspace.kernel` of every task: the network, flow, trust, solver, light and composite
+Kernel time is the time inside `Workspace.kernel` of every task: network, flow, confidence, solver, light and composite
 on arrays in memory, the first call's loading of compiled code included. Reading, decoding, coding, writing, syncing,
-imports, waiting, the film and the scheduler are overhead. Overhead = 1 - kernel seconds / (workers x wall seconds), of
+imports, waiting, preview and scheduler are overhead. Overhead = 1 - kernel seconds / (workers x wall seconds), of
 the whole run (checks and start of the workers included) and of the time from the first task to the last.
 
 The same in processor seconds, which other programs on the machine hardly change: what workers and driver spend beside

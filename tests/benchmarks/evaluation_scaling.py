@@ -133,7 +133,7 @@ def run(length, folder):
 
     session = Session(write_shot(folder, length))
     graph = session.graph()
-    graph = graph.closure([node.id for node in graph if node.stage == "solve"])
+    graph = graph.closure([node.id for node in graph if node.stage.label == "solve"])
     from yesnt.io.store import FrameStore
 
     job = session.job

@@ -39,7 +39,7 @@ def write_shot(folder, frames, size):
     (folder / "camera.json").write_text(json.dumps(camera))
     job = yaml.safe_load(path.read_text()) | {"frames": f"1001-{1000 + frames}"}
     job["flow"] = {"path": "flow.####.exr"}
-    job["temporal"] = {"robust": False}  # trust is another task, and takes its time
+    job["temporal"] = {"robust": False}  # weighing frames takes long
     path.write_text(yaml.safe_dump(job))
     return path
 
@@ -55,11 +55,13 @@ def run_one(path, number):
     node = solver_nodes(session)[number]
     receipt = run_node(session.job, node)
     peak = 1024 * int(re.search(r"VmHWM:\s*(\d+)", Path("/proc/self/status").read_text())[1])
-    print(f"{node.stage:12s} chunk {node.index}  {receipt['seconds']:6.1f} s  peak {peak / 1e9:.2f} GB", flush=True)
+    print(
+        f"{node.stage.label:18s} chunk {node.index}  {receipt['seconds']:6.1f} s  peak {peak / 1e9:.2f} GB", flush=True
+    )
 
 
 def solver_nodes(session):
-    return [node for node in session.graph() if node.stage.partition(".")[0] == "solve"]
+    return [node for node in session.graph() if node.stage.name == "solve"]
 
 
 def main():
@@ -76,7 +78,7 @@ def main():
         return
     if not path.exists():
         write_shot(options.folder, options.frames, tuple(int(v) for v in options.size.split("x")))
-    session = run_here(path, until="trust")
+    session = run_here(path, until="confidence")
     plan = session.chunks
     print(f"{len(plan.bands)} bands, joint sweeps of {plan.joint} pixels, predicted {plan.peak_bytes / 1e9:.2f} GB")
     for number in range(min(options.most, len(solver_nodes(session)))):

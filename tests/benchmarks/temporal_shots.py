@@ -6,6 +6,8 @@ import OpenEXR
 import yaml
 
 from yesnt.io.store import FrameStore
+from yesnt.planning.builders.decompose import full_frame_nodes
+from yesnt.planning.graph import Graph
 from yesnt.runtime.driver import is_done
 from yesnt.runtime.session import Session
 from yesnt.tasks.run import run_node
@@ -41,8 +43,7 @@ def predicted(folder, work):
     session = Session(home)
     plan, store = session.plan(), session.output.store
     FrameStore.create(store, plan.arrays(), len(session.job.frames), session.job.height, session.job.width)
-    for frame in session.job.frames:
-        node = plan.decompose(frame, {})
+    for node in full_frame_nodes(plan, Graph()):
         if not is_done(session.book, node):
             run_node(session.job, node)
     frames = range(len(session.job.frames))

@@ -60,7 +60,7 @@ def test_a_shot_from_plan_to_verify(tmp_path: Path) -> None:
     path = write_tiny_shot(tmp_path / "shot", 2)
     plan = json.loads(yesnt("plan", path, "--json").stdout)
     assert {row["stage"]: row["todo"] for row in plan["stages"]} == {
-        "decompose": 2, "flow": 1, "trust": 1, "solve": 1, "relight": 2, "composite": 2, "preview": 1,
+        "decompose": 2, "flow": 1, "confidence": 1, "solve": 1, "relight": 2, "composite": 2, "preview": 1,
     }  # fmt: skip
     assert not (path.parent / "out").exists(), "plan writes nothing"
     done = yesnt("run", path, "--workers", "1")

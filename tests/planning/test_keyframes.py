@@ -10,23 +10,24 @@ from tests.in_process import run_here, shard_digests
 from tests.tiny_shot import write_tiny_shot
 from yesnt.inspect.sampling_cost import forecast_evaluations
 from yesnt.io.store import FrameStore
+from yesnt.planning.stages import DECOMPOSE, FLOW
 from yesnt.runtime.session import Missing, Session
 
-DECOMPOSE = {"backend": "embedded", "samples": 2, "knobs": {"keyframe_step": 3, "steps": 1}}
+KEYFRAMED = {"backend": "embedded", "samples": 2, "knobs": {"keyframe_step": 3, "steps": 1}}
 
 
 def test_frames_between_need_their_keyframe_and_the_flow_to_it(tmp_path: Path) -> None:
-    session = Session(write_tiny_shot(tmp_path / "shot", 6, decompose=DECOMPOSE))
+    session = Session(write_tiny_shot(tmp_path / "shot", 6, decompose=KEYFRAMED))
     assert session.plan().keyframes == {1002: 1004, 1003: 1004, 1005: 1006}
     graph = session.graph()
-    assert set(graph.nodes["decompose", 1].needs) == {("decompose", 3), ("flow", 1), ("flow", 2)}
-    assert graph.nodes["decompose", 3].needs == ()
+    assert set(graph.nodes[DECOMPOSE, 1].needs) == {(DECOMPOSE, 3), (FLOW, 1), (FLOW, 2)}
+    assert graph.nodes[DECOMPOSE, 3].needs == ()
 
 
 def test_a_frame_that_cannot_reach_its_keyframe_is_drawn_in_full(tmp_path: Path) -> None:
-    session = Session(write_tiny_shot(tmp_path / "shot", 7, decompose=DECOMPOSE))
-    assert session.plan(Missing({("flow", 1003): "lost"})).keyframes == {1005: 1007, 1006: 1007}
-    assert session.plan(Missing({("decompose", 1004): "lost"})).keyframes == {1005: 1007, 1006: 1007}
+    session = Session(write_tiny_shot(tmp_path / "shot", 7, decompose=KEYFRAMED))
+    assert session.plan(Missing({(FLOW, 1003): "lost"})).keyframes == {1005: 1007, 1006: 1007}
+    assert session.plan(Missing({(DECOMPOSE, 1004): "lost"})).keyframes == {1005: 1007, 1006: 1007}
 
 
 def test_passes_have_no_keyframes(tmp_path: Path) -> None:
@@ -34,28 +35,28 @@ def test_passes_have_no_keyframes(tmp_path: Path) -> None:
 
 
 def test_thresholds_of_reuse_leave_keyframes_as_they_are(tmp_path: Path) -> None:
-    knobs = {**DECOMPOSE["knobs"], "reuse_share": 0.5}
-    one = Session(write_tiny_shot(tmp_path / "a", 4, decompose=DECOMPOSE)).graph()
-    two = Session(write_tiny_shot(tmp_path / "b", 4, decompose={**DECOMPOSE, "knobs": knobs})).graph()
-    assert one.nodes["decompose", 0].key == two.nodes["decompose", 0].key
-    assert one.nodes["decompose", 1].key != two.nodes["decompose", 1].key
+    knobs = {**KEYFRAMED["knobs"], "reuse_share": 0.5}
+    one = Session(write_tiny_shot(tmp_path / "a", 4, decompose=KEYFRAMED)).graph()
+    two = Session(write_tiny_shot(tmp_path / "b", 4, decompose={**KEYFRAMED, "knobs": knobs})).graph()
+    assert one.nodes[DECOMPOSE, 0].key == two.nodes[DECOMPOSE, 0].key
+    assert one.nodes[DECOMPOSE, 1].key != two.nodes[DECOMPOSE, 1].key
 
 
 def test_a_subset_first_gives_the_bytes_of_a_whole_run_and_few_evaluations(tmp_path: Path) -> None:
-    names = ("observed", "spread", "evaluations")
-    whole = run_here(write_tiny_shot(tmp_path / "whole", 4, decompose=DECOMPOSE))
-    pieces = write_tiny_shot(tmp_path / "pieces", 4, decompose=DECOMPOSE)
+    names = ("observed", "spread", "nfe")
+    whole = run_here(write_tiny_shot(tmp_path / "whole", 4, decompose=KEYFRAMED))
+    pieces = write_tiny_shot(tmp_path / "pieces", 4, decompose=KEYFRAMED)
     run_here(pieces, frames="1003", order=1)
     session = run_here(pieces, order=2)
     assert shard_digests(session, *names) == shard_digests(whole, *names)
     assert len(shard_digests(session, *names)) == 12
-    spent = [session.book.find("decompose", f).facts["evaluations"] for f in session.job.frames]
+    spent = [session.book.find("decompose", f).facts["nfe"] for f in session.job.frames]
     assert spent[1] <= spent[0] == spent[3]
     assert np.isfinite(FrameStore(session.output.store).read("observed", 1)).all()
 
 
 def test_the_plan_tells_how_many_evaluations_there_will_be(tmp_path: Path) -> None:
-    path = write_tiny_shot(tmp_path / "shot", 4, decompose={**DECOMPOSE, "samples": 8})
+    path = write_tiny_shot(tmp_path / "shot", 4, decompose={**KEYFRAMED, "samples": 8})
     session = Session(path)
     before = forecast_evaluations(session, session.graph())
     assert before.fixed == before.most == 4 * 8, "one patch a frame, one step"
@@ -74,4 +75,4 @@ def test_a_backend_that_says_what_to_expect_stops_at_the_first_members_and_the_p
     before = forecast_evaluations(session, session.graph())
     assert before.least == before.expected == before.most == 2 * 2
     run_here(path)
-    assert sum(session.book.find("decompose", f).facts["evaluations"] for f in session.job.frames) == 4
+    assert sum(session.book.find("decompose", f).facts["nfe"] for f in session.job.frames) == 4

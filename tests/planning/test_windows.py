@@ -10,14 +10,17 @@ import pytest
 
 from tests.in_process import run_here
 from tests.tiny_shot import write_tiny_shot
+from yesnt.core.stage_id import StageId
 from yesnt.decompose.registry import open_backend
 from yesnt.decompose.window import blend, estimate_clip, make_clip
 from yesnt.io.shot_inputs import read_plate
 from yesnt.io.store import FrameStore
 from yesnt.planning import settings as of
+from yesnt.planning.stages import DECOMPOSE
 from yesnt.runtime.session import Session
 
 FRAMES, LICENCE = 5, "NVIDIA-NonCommercial"
+LANE_0, LANE_1 = (StageId("window", lane=lane) for lane in (0, 1))
 KNOBS = {"steps": 1, "patch": 64, "window": 3, "window_overlap": 1, "precision": "float32"}
 
 
@@ -36,10 +39,10 @@ def video_shot(folder: Path, checkpoint: Path) -> Path:
 def test_windows_and_frames_are_linked(tmp_path: Path, checkpoint: Path) -> None:
     session = Session(video_shot(tmp_path / "shot", checkpoint))
     graph = session.graph()
-    assert graph.nodes["window.0", 0].frames == (1001, 1002, 1003)
-    assert graph.nodes["window.1", 1].frames == (1003, 1004, 1005)
-    assert graph.nodes["decompose", 2].needs == (("window.0", 0), ("window.1", 1))
-    assert graph.nodes["decompose", 4].needs == (("window.1", 1),)
+    assert graph.nodes[LANE_0, 0].frames == (1001, 1002, 1003)
+    assert graph.nodes[LANE_1, 1].frames == (1003, 1004, 1005)
+    assert graph.nodes[DECOMPOSE, 2].needs == ((LANE_0, 0), (LANE_1, 1))
+    assert graph.nodes[DECOMPOSE, 4].needs == ((LANE_1, 1),)
     assert session.plan().keyframes == {}
 
 
@@ -70,4 +73,4 @@ def test_overlaps_are_blended_and_a_run_in_pieces_gives_the_same_frames(tmp_path
     np.testing.assert_allclose(store.read("observed", 0), one.mean[0], atol=0, rtol=0)
     assert (one.mean[2] != two.mean[0]).any(), "the windows must disagree for the blend to mean anything"
     facts = session.book.find("decompose", 1003).facts
-    assert facts["evaluations"] == pytest.approx(2 * 2 * 2 / 3)
+    assert facts["nfe"] == pytest.approx(2 * 2 * 2 / 3)

@@ -22,7 +22,7 @@ def test_a_finished_shot_shows_where_evaluations_went_and_the_measured_curve(tmp
     assert all(part.startswith("data:image/png") for part in page.split('src="')[1:]), "nothing is fetched"
     facts = json.loads((session.output.run / "report.json").read_text())
     assert facts["sampling"]["total"] == sum(
-        session.book.find("decompose", frame).facts["evaluations"] for frame in session.job.frames
+        session.book.find("decompose", frame).facts["nfe"] for frame in session.job.frames
     )
     (session.output.run / "trade.json").write_text("{}")
     (session.output.run / "trade.svg").write_text("<svg id='curve'></svg>")

@@ -9,7 +9,7 @@ import pytest
 from distributed import KilledWorker
 from distributed.comm import CommClosedError
 
-from tests.fake_tasks import fake_task, runs_of
+from tests.fake_tasks import A, B, FakeTask, fake_task, runs_of
 from yesnt.core.errors import ClusterLostError, UsageError
 from yesnt.core.shot import GBufferInput, Job, LightInput, PlateInput, Shot
 from yesnt.io.records import RecordBook
@@ -36,9 +36,10 @@ def job(tmp_path: Path) -> Job:
 
 
 def chain(count: int, **special) -> Graph:
-    """`count` frames through stages a -> b; special = {"a3": arguments}."""
-    nodes = [Node("a", i, (i,), {"a": i}, (), special.get(f"a{i}", {})) for i in range(count)]
-    nodes += [Node("b", i, (i,), {"b": i}, (("a", i),), special.get(f"b{i}", {})) for i in range(count)]
+    """`count` frames through stages a -> b; special = {"a3": fields of its FakeTask}."""
+    tasks = {name: FakeTask(**fields) for name, fields in special.items()}
+    nodes = [Node(A, i, (i,), {"a": i}, (), tasks.get(f"a{i}", FakeTask())) for i in range(count)]
+    nodes += [Node(B, i, (i,), {"b": i}, ((A, i),), tasks.get(f"b{i}", FakeTask())) for i in range(count)]
     return Graph(nodes)
 
 
@@ -85,9 +86,9 @@ def test_a_task_that_fails_once_is_tried_again(job: Job, client) -> None:
 
 def test_a_task_that_always_fails_is_named_and_the_others_finish(job: Job, client) -> None:
     outcome = drive(job, chain(4, a1={"fail": 99}), client)
-    assert set(outcome.failed) == {("a", 1)}
-    assert "RuntimeError: told to fail" in outcome.failed["a", 1]
-    assert outcome.blocked == [("b", 1)]
+    assert set(outcome.failed) == {(A, 1)}
+    assert "RuntimeError: told to fail" in outcome.failed[A, 1]
+    assert outcome.blocked == [(B, 1)]
     assert len(outcome.done) == 6
     assert runs_of(job, "a", 1) == 2
 
@@ -95,8 +96,8 @@ def test_a_task_that_always_fails_is_named_and_the_others_finish(job: Job, clien
 def test_a_frame_that_kills_its_worker_twice_is_dead_and_only_it(job: Job, client) -> None:
     events: list = []
     outcome = drive(job, chain(6, a2={"kill": True}), client, events)
-    assert set(outcome.dead) == {("a", 2)}
-    assert outcome.blocked == [("b", 2)]
+    assert set(outcome.dead) == {(A, 2)}
+    assert outcome.blocked == [(B, 2)]
     assert len(outcome.done) == 10
     assert not outcome.failed
     assert runs_of(job, "a", 2) == 2
@@ -108,7 +109,7 @@ def test_a_frame_that_kills_its_worker_twice_is_dead_and_only_it(job: Job, clien
 
 def test_two_poison_frames_do_not_take_each_other_or_innocents_along(job: Job, client) -> None:
     outcome = drive(job, chain(6, a1={"kill": True}, a2={"kill": True}, a3={"sleep": 0.5}), client)
-    assert set(outcome.dead) == {("a", 1), ("a", 2)}
+    assert set(outcome.dead) == {(A, 1), (A, 2)}
     assert len(outcome.done) == 8
 
 
@@ -159,11 +160,11 @@ def test_a_scheduler_that_is_not_there_is_a_lost_cluster(monkeypatch: pytest.Mon
 
 def test_graph_refuses_nodes_before_their_needs() -> None:
     with pytest.raises(ValueError, match="before what it needs"):
-        Graph([Node("b", 0, (0,), {}, (("a", 0),))])
+        Graph([Node(B, 0, (0,), {}, ((A, 0),))])
 
 
 def test_closure_keeps_only_what_targets_need() -> None:
-    assert set(chain(4).closure([("b", 2)]).nodes) == {("a", 2), ("b", 2)}
+    assert set(chain(4).closure([(B, 2)]).nodes) == {(A, 2), (B, 2)}
 
 
 class _LostFuture:
@@ -285,7 +286,7 @@ def test_a_run_waits_for_the_next_worker_and_says_so(job: Job, monkeypatch: pyte
     client = SimpleNamespace(
         submit=submit, scheduler=SimpleNamespace(ncores=None), sync=lambda call, callback_timeout: workers
     )
-    graph = Graph([Node("a", 0, (0,), {"a": 0})])
+    graph = Graph([Node(A, 0, (0,), {"a": 0})])
     driver = Driver(job, graph, RecordBook(Path(job.root) / "records"), fake_task, listen=listen)
     driver.reuse()
     assert driver.run(client).complete

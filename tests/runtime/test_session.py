@@ -15,7 +15,7 @@ from yesnt.core.errors import UsageError
 from yesnt.inspect.audit import explain, forget, states, verify
 from yesnt.io.exr import read_image
 from yesnt.io.store import FrameStore
-from yesnt.planning.stages import stage_of
+from yesnt.planning.stages import COMPOSITE, DECOMPOSE, FLOW, RELIGHT
 from yesnt.runtime.cluster import ClusterSpec, open_cluster
 from yesnt.runtime.session import RunOptions, RunResult, Session
 
@@ -58,7 +58,7 @@ def change(path: Path, old: str, new: str) -> None:
 
 
 def stages_of(result: RunResult) -> set[str]:
-    return {stage_of(stage).name for stage, _ in result.outcome.done}
+    return {stage.name for stage, _ in result.outcome.done}
 
 
 def test_what_comes_out_is_the_contract(finished: Path) -> None:
@@ -123,7 +123,7 @@ def test_a_change_redoes_what_depends_on_it_and_no_more(
 def test_one_changed_plate_redoes_its_frame_and_what_it_reaches(copied: Path, cluster: ClusterSpec) -> None:
     folder = copied.parent
     shutil.copy(folder / "plate.1003.exr", folder / "plate.1004.exr")
-    assert set(run(copied, cluster).outcome.done) >= {("decompose", 3), ("flow", 2)}
+    assert set(run(copied, cluster).outcome.done) >= {(DECOMPOSE, 3), (FLOW, 2)}
     assert not {("decompose", 0), ("flow", 0)} & {
         (s.stage, s.frame - 1001) for s in states(Session(copied)) if s.state != "done"
     }
@@ -141,7 +141,7 @@ def test_explain_names_the_field(copied: Path) -> None:
 def test_subset_first_then_all_gives_the_same_bytes(finished: Path, tmp_path: Path, cluster: ClusterSpec) -> None:
     path = write_tiny_shot(tmp_path / "s", FRAMES)
     result = run(path, cluster, frames="1003")
-    assert {i for s, i in result.outcome.done if s == "composite"} == {2}
+    assert {i for s, i in result.outcome.done if s == COMPOSITE} == {2}
     assert "preview" not in stages_of(result)
     run(path, cluster, until="flow")
     run(path, cluster)
@@ -203,14 +203,14 @@ def test_every_fault_is_found_and_repaired_exactly(
     for found in damage:
         session.book.forget(found.stage, found.frame)
     redone = run(copied, cluster).outcome.done
-    assert {stage_of(s).name for s, _ in redone} == {s for s, _ in expected}
+    assert {s.name for s, _ in redone} == {s for s, _ in expected}
     assert verify(Session(copied)) == []
     assert exr_digests(copied) == exr_digests(finished)
 
 
 def test_retry_forgets_what_it_is_told(copied: Path, cluster: ClusterSpec, finished: Path) -> None:
     assert forget(Session(copied), ["relight", "composite"], "1002-1003") == 4
-    assert {i for _, i in run(copied, cluster).outcome.done if _ == "relight"} == {1, 2}
+    assert {i for _, i in run(copied, cluster).outcome.done if _ == RELIGHT} == {1, 2}
     assert exr_digests(copied) == exr_digests(finished)
 
 
@@ -219,10 +219,10 @@ def test_frames_that_cannot_be_had_are_left_out_and_all_others_finish(
 ) -> None:
     path = write_tiny_shot(tmp_path / "s", FRAMES)
     session = Session(path)
-    node = session.graph().nodes["decompose", 1]
+    node = session.graph().nodes[DECOMPOSE, 1]
     session._mark_dead(node, "it killed two workers")
     result = run(path, cluster)
-    assert set(result.missing) == {("decompose", 1002)}
+    assert set(result.missing) == {(DECOMPOSE, 1002)}
     assert sorted(exr_digests(path)) == ["tiny.1001.exr", "tiny.1003.exr", "tiny.1004.exr"]
     assert forget(Session(path), ["decompose"], None) >= 1
     assert not run(path, cluster).missing

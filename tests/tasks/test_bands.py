@@ -15,6 +15,7 @@ from yesnt.io.shot_inputs import read_matte
 from yesnt.io.store import FrameStore
 from yesnt.planning.chunks import Extent, matte_extent, plan_chunks
 from yesnt.planning.graph import Graph
+from yesnt.planning.stages import SOLVE
 from yesnt.runtime.cluster import ClusterSpec, open_cluster
 from yesnt.runtime.driver import is_done
 from yesnt.runtime.session import RunOptions, Session
@@ -33,7 +34,7 @@ def write(folder: Path, **temporal) -> Path:
 
 def solve_graph(session: Session) -> Graph:
     graph = shot_graph(session.plan())
-    return graph.closure([node.id for node in graph if node.stage == "solve"])
+    return graph.closure([node.id for node in graph if node.stage == SOLVE])
 
 
 def run_here(session: Session, backwards: bool = False, stop: int | None = None) -> None:
@@ -114,14 +115,14 @@ def test_chunks_in_bands_equal_the_whole_solve_around_an_inconsistent_frame(
 ) -> None:
     """The frame has no say, no spatial term where it is linked, and its links are bridges: in every window alike."""
     from yesnt.tasks import confidence as confidence_task
-    from yesnt.tasks import solve
+    from yesnt.tasks import solve_window
 
     trusted = confidence_task._ensemble_confidence
 
     def silenced(space, frame):
         return trusted(space, frame) * np.float32(frame != 1002)
 
-    monkeypatch.setattr(solve, "_inconsistent", lambda space, frame: frame == 1002)
+    monkeypatch.setattr(solve_window, "_inconsistent", lambda space, frame: frame == 1002)
     monkeypatch.setattr(confidence_task, "_ensemble_confidence", silenced)
     whole, cut = Session(write(tmp_path / "whole")), Session(write(tmp_path / "cut", chunk=2, memory=NARROW))
     run_here(whole)
@@ -147,7 +148,7 @@ def test_a_run_that_was_cut_off_goes_on_to_the_same_bits(banded: Session, tmp_pa
     for _ in range(4):
         run_here(Session(path), stop=5)
     session = Session(path)
-    lost = next(node for node in solve_graph(session) if node.stage.startswith("solve.1."))
+    lost = next(node for node in solve_graph(session) if node.stage.name == "solve" and node.stage.sweep == 1)
     session.book.forget(lost.stage, lost.frames[0])
     run_here(session)
     np.testing.assert_array_equal(material(session), material(banded))
@@ -192,6 +193,6 @@ def test_links_longer_than_the_reach_are_cut_in_every_band(banded: Session, tmp_
     path.write_text(text)
     session = Session(path)
     run_here(session)
-    told = [json.loads(p.read_text())["facts"] for p in session.book.folder.glob("solve.0.r*/*.json")]
+    told = [json.loads(p.read_text())["facts"] for p in session.book.folder.glob("solve.sweep0.band*/*.json")]
     assert any(facts.get("cut_links") for facts in told)
     assert np.isfinite(material(session)).all()

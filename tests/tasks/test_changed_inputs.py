@@ -21,7 +21,7 @@ from yesnt.decompose.registry import find_weights
 from yesnt.io.exr import read_image, write_exr
 from yesnt.io.store import FrameStore
 from yesnt.runtime.session import Session
-from yesnt.tasks import decompose, inputs, light, run, workspace
+from yesnt.tasks import decoded, decompose, flow, inputs, light
 from yesnt.tasks.run import run_node
 
 SIZE = (24, 20)
@@ -29,9 +29,9 @@ SIZE = (24, 20)
 
 def forget_all() -> None:
     """What a worker holds, dropped: as if it had been started anew."""
-    workspace._ARRAYS.clear()
-    workspace._MATTES.clear()
-    for cached in (inputs._camera, light._map, light._prepared, decompose._backend, run._spynet):
+    decoded.FRAMES.clear()
+    decoded.MATTES.clear()
+    for cached in (inputs._camera, light._map, light._prepared, decompose._backend, flow._spynet):
         cached.cache_clear()
 
 

@@ -14,6 +14,7 @@ from tests.tiny_shot import write_tiny_shot
 from yesnt.core.errors import JobError
 from yesnt.io.exr import write_exr
 from yesnt.io.store import FrameStore
+from yesnt.planning.stages import FLOW
 from yesnt.runtime.preflight import inspect_form
 from yesnt.runtime.session import Session
 
@@ -51,7 +52,7 @@ def test_a_learned_flow_takes_its_weights_from_the_job(tmp_path: Path) -> None:
     assert flow[0].mean() == pytest.approx(0.01 * (2**6 - 1) * SIZE[0] / 64, rel=1e-3)
     session = Session(path)
     torch.save(spynet_state(0.02), path.parent / "spynet.pth")
-    before, after = (next(n for n in s.graph() if n.stage == "flow").key for s in (session, Session(path)))
+    before, after = (next(n for n in s.graph() if n.stage == FLOW).key for s in (session, Session(path)))
     assert before != after, "other weights are another flow"
 
 

@@ -1,4 +1,4 @@
-"""What a task has on its desk: its clock and what it carries over."""
+"""A task's clock, and frames that it commits by a link to another stage's."""
 
 from __future__ import annotations
 
@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 
 from tests.tiny_shot import write_tiny_shot
+from yesnt.core.stage_id import StageId
+from yesnt.io.output import OutputFolder
 from yesnt.io.store import FrameStore
 from yesnt.planning.graph import Node
 from yesnt.runtime.preflight import resolve
-from yesnt.tasks.workspace import Clock, Workspace
+from yesnt.tasks.clock import Clock
+from yesnt.tasks.workspace import Workspace
 
 
 def spend(seconds: float) -> None:
@@ -37,27 +40,28 @@ def test_a_kernel_that_waits_spends_no_processor_time() -> None:
     assert clock.kernel_processor < 0.1 <= clock.kernel
 
 
+FIRST, SECOND = StageId("solve", 0), StageId("solve", 1)
+
+
 @pytest.fixture
 def job(tmp_path: Path):
     job = resolve(write_tiny_shot(tmp_path / "shot", 2)).job
-    FrameStore.create(
-        Workspace(job, Node("solve.0", 0, (1001,), {})).output.store,
-        {"solve.0": "material", "solve.1": "material"}, 2, job.height, job.width,
-    )  # fmt: skip
+    arrays = {stage.array("material"): "material" for stage in (FIRST, SECOND)}
+    FrameStore.create(OutputFolder.of(job).store, arrays, 2, job.height, job.width)
     return job
 
 
 def test_a_frame_carried_over_is_committed_with_the_same_content(job) -> None:
-    first = Workspace(job, Node("solve.0", 0, (1001,), {"sweep": 0}))
+    first = Workspace(job, Node(FIRST, 0, (1001,), {"sweep": 0}))
     values = np.random.default_rng(0).random((2, job.height, job.width), dtype=np.float32)
-    first.commit(1001, {"solve.0": values})
-    second = Workspace(job, Node("solve.1", 0, (1001,), {"sweep": 1}))
+    first.commit(1001, {"material": values})
+    second = Workspace(job, Node(SECOND, 0, (1001,), {"sweep": 1}))
     assert second.pending() == (1001,)
-    second.carry(1001, "solve.1", ("solve.0", "solve.0"), {"skipped": True})
+    second.carry(1001, "material", FIRST, {"skipped": True})
     assert second.pending() == ()
-    np.testing.assert_array_equal(second.read("solve.1", "solve.1", 1001), values)
-    old, new = (first.store.shard_path(name, 0) for name in ("solve.0", "solve.1"))
+    np.testing.assert_array_equal(second.read(SECOND, "material", 1001), values)
+    old, new = (first.store.shard_path(stage.array("material"), 0) for stage in (FIRST, SECOND))
     assert old.samefile(new)
-    record = second.book.find("solve.1", 1001)
+    record = second.book.find(SECOND, 1001)
     assert record is not None
     assert record.facts["skipped"]

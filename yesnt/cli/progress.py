@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from yesnt.cli.text import done_line
+from yesnt.core.stage_id import StageId
 
 
 class LineProgress:
@@ -95,4 +96,4 @@ class BarProgress:
 
 
 def _stage(event: Mapping[str, Any]) -> str:
-    return str(event["stage"]).partition(".")[0]
+    return StageId.parse(str(event["stage"])).name

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
 
 
 @dataclass(frozen=True)
@@ -40,21 +39,47 @@ class Block:
         return slice(self.core.start - self.outer.start, self.core.stop - self.outer.start)
 
 
-def chunk_blocks(length: int, chunk: int, halo: int) -> tuple[Block, ...]:
+@dataclass(frozen=True)
+class Chunks:
     """Splits `length` frames into chunks of at most `chunk`, each with up to `halo` frames on both sides.
 
-    Chunks differ by at most one frame in size, so the last one is never a sliver.
+    Chunks differ by at most one frame in size, so the last one is never much shorter than the others. A chunk, and the
+    chunk of a frame, are computed without listing all chunks.
 
     Raises:
         ValueError: a size is not positive or the halo is negative.
     """
-    if length < 1 or chunk < 1 or halo < 0:
-        raise ValueError(f"length {length} and chunk {chunk} must be positive, halo {halo} not negative")
-    count = -(-length // chunk)
-    edges = [length * i // count for i in range(count + 1)]
-    return tuple(
-        Block(i, Span(a, b), Span(max(0, a - halo), min(length, b + halo))) for i, (a, b) in enumerate(pairwise(edges))
-    )
+
+    length: int
+    chunk: int
+    halo: int
+
+    def __post_init__(self) -> None:
+        """Refuses sizes that split nothing."""
+        if self.length < 1 or self.chunk < 1 or self.halo < 0:
+            raise ValueError(f"length {self.length} and chunk {self.chunk} must be positive, halo {self.halo} >= 0")
+
+    def __len__(self) -> int:
+        return -(-self.length // self.chunk)
+
+    def __getitem__(self, index: int) -> Block:
+        if not 0 <= index < len(self):
+            raise IndexError(f"chunk {index} of {len(self)}")
+        start, stop = (self.length * i // len(self) for i in (index, index + 1))
+        outer = Span(max(0, start - self.halo), min(self.length, stop + self.halo))
+        return Block(index, Span(start, stop), outer)
+
+    def __iter__(self) -> Iterator[Block]:
+        return (self[index] for index in range(len(self)))
+
+    def index_of(self, position: int) -> int:
+        """Number of the chunk whose core holds a position in [0, length)."""
+        return ((position + 1) * len(self) - 1) // self.length  # the last i with length * i // count <= position
+
+
+def chunk_blocks(length: int, chunk: int, halo: int) -> tuple[Block, ...]:
+    """All chunks of `Chunks`."""
+    return tuple(Chunks(length, chunk, halo))
 
 
 def patch_origins(length: int, patch: int, overlap: int) -> tuple[int, ...]:

@@ -44,7 +44,7 @@ _ALL = (
     Channel("observed", 2, "float32", "1", "roughness, metallic", 0.0, 1.0),
     Channel("spread", 2, "float32", "1", "roughness, metallic", 0.0, 0.5,
             ("roughness_std.Y", "metallic_std.Y")),
-    Channel("evaluations", 1, "float32", "network evaluations", "", 0.0, None),
+    Channel("nfe", 1, "float32", "network evaluations", "", 0.0, None),
     Channel("confidence", 2, "float32", "1", "roughness, metallic", 0.0, 1.0),
     Channel("flow", 2, "float32", "pixels", "(dx, dy), t -> t+1", None, None),
     Channel("validity", 1, "float32", "1", "", 0.0, 1.0),
@@ -67,7 +67,7 @@ CHANNELS = MappingProxyType({channel.name: channel for channel in _ALL})
 STORED = (
     "observed",
     "spread",
-    "evaluations",
+    "nfe",
     "confidence",
     "flow",
     "validity",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
@@ -185,8 +186,15 @@ class Job(_Part):
     height: int
 
     def position(self, frame: int) -> int:
-        """Where a frame stands in the sequence."""
-        return self.frames.index(frame)
+        """Index of a frame number in the sequence.
+
+        Raises:
+            ValueError: the shot has no such frame.
+        """
+        index = bisect_left(self.frames, frame)
+        if index == len(self.frames) or self.frames[index] != frame:
+            raise ValueError(f"the shot has no frame {frame}")
+        return index
 
     @property
     def probe_frames(self) -> tuple[int, ...]:

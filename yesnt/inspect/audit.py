@@ -42,24 +42,35 @@ def states(session: Session, graph: Graph | None = None) -> list[FrameState]:
     graph = graph or session.graph()
     dead = session.marked_dead()
     found = [_state(session, node, frame) for node in graph for frame in node.frames if not node.transient]
-    found += [FrameState(stage, frame, DEAD, why) for (stage, frame), why in dead.items()]
+    found += [FrameState(stage.label, frame, DEAD, why) for (stage, frame), why in dead.items()]
     return found
 
 
 def _state(session: Session, node: Node, frame: int) -> FrameState:
-    record = session.book.find(node.stage, frame)
+    record, stage = session.book.find(node.stage, frame), node.stage.label
+    former = stage_of(node.stage).former_name
+    if record is None and former and session.book.find(former, frame) is not None:
+        return FrameState(stage, frame, STALE, f"an older version of yesnt made it, as stage {former!r}")
     if record is None:
-        return FrameState(node.stage, frame, WAITING, "it was not made yet")
-    if record.key != node.frame_key(frame):
-        return FrameState(node.stage, frame, STALE, "; ".join(differences(record.fields, node.frame_fields(frame))))
-    return FrameState(node.stage, frame, DONE, "")
+        return FrameState(stage, frame, WAITING, "it was not made yet")
+    if record.key == node.frame_key(frame):
+        return FrameState(stage, frame, DONE, "")
+    version = record.fields.get("version")
+    if version != node.fields["version"]:
+        why = f"another version of yesnt made it: the stage's version was {version}, is {node.fields['version']}"
+        return FrameState(stage, frame, STALE, why)
+    return FrameState(stage, frame, STALE, "; ".join(differences(record.fields, node.frame_fields(frame))))
+
+
+NOT_SET = "not set"
+"""What is said of a value that only one of two documents holds: settings at their defaults are not recorded."""
 
 
 def differences(old: Any, new: Any, path: str = "") -> list[str]:
     """Where two documents differ, in words: `settings.energy.lambda1 was 0.02, is 0.05`."""
     if isinstance(old, Mapping) and isinstance(new, Mapping):
         keys = sorted(set(old) | set(new), key=str)
-        below = (differences(old.get(k), new.get(k), f"{path}.{k}" if path else str(k)) for k in keys)
+        below = (differences(old.get(k, NOT_SET), new.get(k, NOT_SET), f"{path}.{k}" if path else str(k)) for k in keys)
         return [line for lines in below for line in lines]
     if _plain(old) == _plain(new):
         return []
@@ -87,7 +98,9 @@ def verify(session: Session) -> list[Damage]:
     """
     graph = session.graph()
     store = FrameStore(session.output.store)
-    return [damage for node in graph for frame in node.frames for damage in _check(session, store, node.stage, frame)]
+    return [
+        damage for node in graph for frame in node.frames for damage in _check(session, store, node.stage.label, frame)
+    ]
 
 
 def _check(session: Session, store: FrameStore, stage: str, frame: int) -> Iterator[Damage]:
@@ -132,14 +145,14 @@ def forget(session: Session, stages: list[str], frames: str | None) -> int:
 
 
 def _forget_marks(session: Session, stages: list[str], wanted: set[int]) -> int:
-    chosen = [(s, f) for s, f in session.marked_dead() if f in wanted and stage_of(s).name in stages]
+    chosen = [(s, f) for s, f in session.marked_dead() if f in wanted and s.name in stages]
     for stage, frame in chosen:
-        (session.output.dead / stage / f"{frame:04d}.json").unlink()
+        (session.output.dead / stage.label / f"{frame:04d}.json").unlink()
     return len(chosen)
 
 
 def _forget_records(session: Session, stages: list[str], wanted: set[int]) -> int:
-    nodes = [node for node in session.graph() if stage_of(node.stage).name in stages]
+    nodes = [node for node in session.graph() if node.stage.name in stages]
     chosen = [(node.stage, frame) for node in nodes for frame in wanted.intersection(node.frames)]
     held = [(stage, frame) for stage, frame in chosen if session.book.find(stage, frame)]
     for stage, frame in held:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from yesnt.core.camera import Camera
+from yesnt.core.stage_id import StageId
 from yesnt.inspect.audit import DONE, states
 from yesnt.inspect.sampling_cost import Evaluations, forecast_evaluations
 from yesnt.io import shot_inputs
@@ -18,7 +17,8 @@ from yesnt.io.jobfile import frame_path
 from yesnt.planning import settings as of
 from yesnt.planning.chunks import ROUND
 from yesnt.planning.graph import Graph, Node
-from yesnt.planning.stages import STAGES, stage_of
+from yesnt.planning.stages import STAGES
+from yesnt.planning.task_records import held_frames
 from yesnt.runtime.driver import is_done
 from yesnt.runtime.preflight import inspect
 from yesnt.runtime.session import Session
@@ -26,40 +26,6 @@ from yesnt.tasks.light import frame_map
 
 if TYPE_CHECKING:
     from yesnt.relight.scope import Requirement
-
-
-@dataclass(frozen=True)
-class Cost:
-    """A linear model of a task, measured on one core of a 2.6 GHz server processor.
-
-    Attributes:
-        seconds: of a task of no pixels.
-        seconds_per_megapixel: per million pixels of frame area and frame held.
-        megabytes: resident memory of a worker that has loaded what the stage needs.
-        bytes_per_pixel: of frame area and frame held.
-        disk_bytes_per_pixel: of frame area and frame written, compressed.
-    """
-
-    seconds: float
-    seconds_per_megapixel: float
-    megabytes: float
-    bytes_per_pixel: float
-    disk_bytes_per_pixel: float
-
-
-COSTS: Mapping[str, Cost] = MappingProxyType(
-    {
-        "window": Cost(60.0, 2000.0, 4000, 60, 4),
-        "decompose": Cost(0.3, 25.0, 550, 300, 4),
-        "flow": Cost(0.05, 2.0, 350, 150, 4),
-        "trust": Cost(0.2, 0.5, 400, 160, 2),
-        "solve": Cost(0.5, 4.0, 400, 160, 2),
-        "relight": Cost(0.2, 12.0, 500, 400, 8),
-        "composite": Cost(0.05, 1.5, 400, 250, 18),
-        "preview": Cost(0.2, 0.3, 400, 40, 0.5),
-    }
-)
-"""First guesses; as soon as a job has records, its own median seconds are used instead."""
 
 
 @dataclass(frozen=True)
@@ -126,8 +92,8 @@ def forecast(session: Session) -> Forecast:
     reasons: dict[str, list[str]] = {stage: [] for stage in STAGES}
     for state in states(session, graph):
         if state.state != DONE:
-            reasons[stage_of(state.stage).name].append(state.why.split(";")[0])
-    planned = [stage for stage in STAGES if stage != "window" or any(node.stage == "window" for node in graph)]
+            reasons[StageId.parse(state.stage).name].append(state.why.split(";")[0])
+    planned = [stage for stage in STAGES if stage != "window" or any(node.stage.name == "window" for node in graph)]
     rows = tuple(_row(session, graph, stage, reasons[stage]) for stage in planned)
     modelled = tuple(f"{term.term}: {term.reason}" for term in _relight_terms(session) if term.modelled)
     spent = forecast_evaluations(session, graph)
@@ -137,15 +103,16 @@ def forecast(session: Session) -> Forecast:
 
 
 def _row(session: Session, graph: Graph, stage: str, reasons: list[str]) -> StageForecast:
-    nodes = [node for node in graph if stage_of(node.stage).name == stage and (not node.transient or stage == "window")]
+    nodes = [node for node in graph if node.stage.name == stage and (not node.transient or stage == "window")]
     todo = [node for node in nodes if not is_done(session.book, node)]
-    if stage == "window" and all(is_done(session.book, node) for node in graph if node.stage == "decompose"):
+    if stage == "window" and all(is_done(session.book, node) for node in graph if node.stage.name == "decompose"):
         todo = []
-    cost, pixels = COSTS[stage], session.job.width * session.job.height
+    row, pixels = STAGES[stage], session.job.width * session.job.height
     measured = _measured_seconds(session, nodes)
+    cost = row.cost
     model = cost.seconds + cost.seconds_per_megapixel * pixels * _held(nodes) / 1e6
     sweeps = _solves(session) if stage == "solve" else 1
-    peak = cost.megabytes * 1e6 + cost.bytes_per_pixel * pixels * (1 if stage == "trust" else _held(nodes))
+    peak = cost.megabytes * 1e6 + cost.bytes_per_pixel * pixels * (1 if row.streams else _held(nodes))
     return StageForecast(
         stage,
         len(todo),
@@ -167,9 +134,7 @@ def _solves(session: Session) -> float:
 
 def _held(nodes: list[Node]) -> int:
     """Frames that the largest task of a stage holds in memory."""
-    spans = [node.arguments["loaded"] for node in nodes if "loaded" in node.arguments]
-    windows = [len(node.frames) for node in nodes if node.transient]
-    return max([stop - start for start, stop in spans] + windows, default=1)
+    return max((held_frames(node.task, node.frames) for node in nodes), default=1)
 
 
 def _measured_seconds(session: Session, nodes: list[Node]) -> float | None:

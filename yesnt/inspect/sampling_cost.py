@@ -12,7 +12,8 @@ from yesnt.core.shot import Job
 from yesnt.decompose.blend import PatchGrid
 from yesnt.io.shot_inputs import read_matte
 from yesnt.planning import settings as of
-from yesnt.planning.graph import Graph, Node
+from yesnt.planning.graph import Graph, Node, NodeId
+from yesnt.planning.task_records import DecomposeTask
 from yesnt.runtime.driver import is_done
 from yesnt.runtime.session import Session
 
@@ -48,17 +49,18 @@ def forecast_evaluations(session: Session, graph: Graph) -> Evaluations:
     settings = of.ensemble_settings(session.job.shot)
     if plan.backend is None:
         return Evaluations(0, 0, 0, 0, settings.samples, "passes are read")
-    nodes = [node for node in graph if node.stage.partition(".")[0] == ("window" if plan.windows else "decompose")]
+    nodes = [node for node in graph if node.stage.name == ("window" if plan.windows else "decompose")]
     print_of = plan.backend.footprint
     patches = {node.id: _patches(session.job, node, print_of.patch, print_of.align, settings.overlap) for node in nodes}
-    todo = [node for node in nodes if not _settled(session, graph, node)]
+    users = graph.users()
+    todo = [node for node in nodes if not _settled(session, node, [graph.nodes[user] for user in users[node.id]])]
     members = settings.rounds()[0].stop
     least, most, expected = 0.0, 0.0, 0.0
     at_most = members if print_of.predicts_mean else settings.samples  # without a tolerance both are the same
     shares, basis = _shares(session, nodes, patches, print_of.nfe * at_most)
     for node in todo:
         one = patches[node.id] * print_of.nfe
-        between = node.arguments.get("keyframe") is not None
+        between = _between(node)
         least += 0 if between else one * members
         most += one * at_most
         open_ended = between or members < at_most
@@ -67,10 +69,15 @@ def forecast_evaluations(session: Session, graph: Graph) -> Evaluations:
     return Evaluations(round(least), round(expected), round(most), fixed, settings.samples, basis)
 
 
-def _settled(session: Session, graph: Graph, node: Node) -> bool:
-    """Whether a node need not run: it is done, or its users are and its own result was swept away."""
-    users = [user for user in graph if node.id in user.needs] if node.transient else []
-    return is_done(session.book, node) or bool(users and all(is_done(session.book, user) for user in users))
+def _settled(session: Session, node: Node, users: Sequence[Node]) -> bool:
+    """Whether a node need not run: it is done, or its users are and its own result has been removed."""
+    served = node.transient and bool(users) and all(is_done(session.book, user) for user in users)
+    return served or is_done(session.book, node)
+
+
+def _between(node: Node) -> bool:
+    """Whether a frame takes a keyframe's estimate."""
+    return isinstance(node.task, DecomposeTask) and node.task.keyframe is not None
 
 
 def _patches(job: Job, node: Node, patch: int | None, align: int, overlap: float) -> int:
@@ -84,14 +91,14 @@ def _patches(job: Job, node: Node, patch: int | None, align: int, overlap: float
 
 
 def _shares(
-    session: Session, nodes: Sequence[Node], patches: dict[tuple[str, int], int], whole: int
+    session: Session, nodes: Sequence[Node], patches: dict[NodeId, int], whole: int
 ) -> tuple[dict[str, float], str]:
     """Share of all members that frames drawn in full, and frames between keyframes, spend."""
     spent: dict[str, list[float]] = {"full": [], "between": []}
     for node in nodes:
         record = session.book.find(node.stage, node.frames[0])
-        if record is not None and "evaluations" in record.facts and patches[node.id]:
-            kind = "full" if node.arguments.get("keyframe") is None else "between"
-            spent[kind].append(record.facts["evaluations"] / (patches[node.id] * whole))
+        if record is not None and "nfe" in record.facts and patches[node.id]:
+            kind = "between" if _between(node) else "full"
+            spent[kind].append(record.facts["nfe"] / (patches[node.id] * whole))
     shares = {kind: statistics.mean(found) if found else TYPICAL_SHARE[kind] for kind, found in spent.items()}
     return shares, "measured on this job's frames" if any(spent.values()) else "typical share of a first run"

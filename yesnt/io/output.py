@@ -15,6 +15,7 @@ from typing import TextIO
 
 from yesnt.core.errors import JobError
 from yesnt.core.shot import Job
+from yesnt.core.stage_id import StageId
 
 
 @dataclass(frozen=True)
@@ -67,14 +68,14 @@ class OutputFolder:
         """Folder of the preview video's segments while frames arrive, in a folder named after their stage."""
         return self.run / "segments"
 
-    def segment_paths(self, number: int) -> tuple[Path, Path]:
+    def segment_paths(self, stage: StageId, number: int) -> tuple[Path, Path]:
         """One segment of the preview video, and its frames as a strip for the contact sheet."""
-        stem = self.segments / "preview.segment" / f"{number:05d}"
+        stem = self.segments / str(stage) / f"{number:05d}"
         return stem.with_suffix(".mp4"), stem.with_suffix(".png")
 
-    def log_path(self, stage: str, frame: int) -> Path:
+    def log_path(self, stage: StageId | str, frame: int) -> Path:
         """The log of one frame of one stage."""
-        return self.run / "logs" / stage / f"{frame:04d}.log"
+        return self.run / "logs" / str(stage) / f"{frame:04d}.log"
 
     def check(self, needed_bytes: int) -> None:
         """Refuses a folder that cannot be written or has too little room; writes nothing.

@@ -5,11 +5,13 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from yesnt.core.fault_points import fault_point
+from yesnt.core.stage_id import StageId
 from yesnt.io.durable import retried, write_json
 
 
@@ -18,7 +20,7 @@ class Record:
     """What a finished frame of a stage leaves behind.
 
     Attributes:
-        stage: stage name.
+        stage: label of the stage (`StageId.label`).
         frame: frame number as delivered.
         key: `key_of(fields)`.
         fields: everything that the result depends on; `explain` compares them.
@@ -38,10 +40,45 @@ class Record:
     facts: Mapping[str, Any] = field(default_factory=dict)
 
 
-def key_of(fields: Mapping[str, Any]) -> str:
-    """BLAKE2b-128 of the canonical JSON of what a result depends on."""
-    text = json.dumps(fields, sort_keys=True, separators=(",", ":"), allow_nan=False)
+def digest_of(document: Any) -> str:
+    """BLAKE2b-128 of the canonical JSON of a document, hexadecimal.
+
+    Raises:
+        ValueError: a number is not finite.
+    """
+    text = json.dumps(document, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
+
+
+class SharedSettings(dict[str, Any]):
+    """Settings that many tasks have in common; their digest is computed once. Not to be changed."""
+
+    @cached_property
+    def digest(self) -> str:
+        """Digest of the settings."""
+        return digest_of(self)
+
+
+def key_of(fields: Mapping[str, Any]) -> str:
+    """Key of a commit record: a hash of everything that its result depends on.
+
+    `settings` enter by their own digest, since thousands of tasks share them. A task that commits several frames has
+    one set of fields for all; the field `frame` then enters last (`frame_key`).
+
+    Raises:
+        ValueError: a number is not finite.
+    """
+    own = {name: value for name, value in fields.items() if name != "frame"}
+    if "settings" in own:
+        settings = own["settings"]
+        own["settings"] = settings.digest if isinstance(settings, SharedSettings) else digest_of(settings)
+    key = digest_of(own)
+    return frame_key(key, fields["frame"]) if "frame" in fields else key
+
+
+def frame_key(key: str, frame: int) -> str:
+    """Key of one frame of a task that commits several."""
+    return hashlib.blake2b(f"{key} {frame}".encode(), digest_size=16).hexdigest()
 
 
 class RecordBook:
@@ -54,19 +91,19 @@ class RecordBook:
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
 
-    def path(self, stage: str, frame: int) -> Path:
-        """Where a record lies."""
-        return self.folder / stage / f"{frame:04d}.json"
+    def path(self, stage: StageId | str, frame: int) -> Path:
+        """Where a record lies; the stage by its identifier or its label."""
+        return self.folder / str(stage) / f"{frame:04d}.json"
 
     def commit(self, record: Record) -> None:
         """Makes a frame done. Its arrays and files must be on disk before."""
         path = self.path(record.stage, record.frame)
         path.parent.mkdir(parents=True, exist_ok=True)
         fault_point("record.before_commit")
-        write_json(path, asdict(record))
+        write_json(path, vars(record))
         fault_point("record.after_commit")
 
-    def find(self, stage: str, frame: int) -> Record | None:
+    def find(self, stage: StageId | str, frame: int) -> Record | None:
         """The record of a frame, or None if there is none that can be read (then the frame is simply not done)."""
         try:
             document = json.loads(retried(self.path(stage, frame).read_text))
@@ -74,11 +111,11 @@ class RecordBook:
         except (OSError, ValueError, TypeError):
             return None
 
-    def done(self, stage: str, frame: int, key: str) -> Record | None:
+    def done(self, stage: StageId | str, frame: int, key: str) -> Record | None:
         """The record of a frame if it holds this key."""
         record = self.find(stage, frame)
         return record if record is not None and record.key == key else None
 
-    def forget(self, stage: str, frame: int) -> None:
+    def forget(self, stage: StageId | str, frame: int) -> None:
         """Makes a frame not done."""
         self.path(stage, frame).unlink(missing_ok=True)

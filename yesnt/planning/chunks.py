@@ -94,12 +94,6 @@ class ChunkPlan:
         """Whether a block holds all rows."""
         return len(self.bands) == 1
 
-    def loaded(self, block: Block, length: int, sweep: int) -> range:
-        """Positions that a block loads in a sweep: its outer span, and from sweep 1 on a border frame on each side."""
-        if sweep == 0:
-            return range(block.outer.start, block.outer.stop)
-        return range(max(0, block.outer.start - 1), min(length, block.outer.stop + 1))
-
     def touched(self, band: Block, sweep: int) -> tuple[int, ...]:
         """Bands whose rows a band may load in a sweep."""
         reach = self.reach if sweep else 0

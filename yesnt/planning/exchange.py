@@ -1,21 +1,26 @@
-"""Which block of the temporal solve is solved when, and which stage holds what is known of a frame: pure arithmetic.
+"""Which block of the temporal solver is solved in which sweep, and which stage holds a frame's last value.
 
-Sweep 0 solves all blocks (chunk and band) with free ends. Then come rounds of three sweeps: blocks of one colour of a
-chessboard, blocks of the other (neighbours that were solved side by side would pass each other by), and a joint sweep
-that solves what still moves in all frames at once (temporal/joint.py). Where the job's memory has no room for that,
-the two colours go on by turns.
+Sweep 0 solves all blocks (a chunk of frames, a band of rows) with free ends. Rounds of three sweeps follow: the blocks
+of one colour of a chessboard, those of the other colour (adjacent blocks that are solved in parallel would not see each
+other's change), and a joint sweep that solves the unconverged pixels of all frames together (temporal/joint.py). Where
+the job's memory has no room for a joint sweep, the two colours alternate. Index arithmetic only; no array is read.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import product
+from typing import TYPE_CHECKING
 
-from yesnt.core.blocks import Block, chunk_blocks
-from yesnt.io.store import ArrayForm
+from yesnt.core.blocks import Block, Chunks
+from yesnt.core.stage_id import StageId
 from yesnt.planning.chunks import ROUND, ChunkPlan
+
+if TYPE_CHECKING:
+    from yesnt.io.store import ArrayForm
+
+SOLVE = StageId("solve")
 
 
 @dataclass(frozen=True)
@@ -24,16 +29,16 @@ class Exchange:
 
     Attributes:
         length: frames.
-        chunks: how it is cut.
+        chunks: lengths of chunks and halos, bands of rows, sweeps.
     """
 
     length: int
     chunks: ChunkPlan
 
-    @cached_property
-    def blocks(self) -> tuple[Block, ...]:
+    @property
+    def blocks(self) -> Chunks:
         """Chunks with their halo, in positions of the sequence."""
-        return chunk_blocks(self.length, self.chunks.chunk, self.chunks.halo)
+        return Chunks(self.length, self.chunks.chunk, self.chunks.halo)
 
     @property
     def sweeps(self) -> int:
@@ -46,56 +51,64 @@ class Exchange:
 
     @property
     def ends_jointly(self) -> bool:
-        """Whether the last sweep leaves whole frames of the whole shot: nothing is left to be joined."""
+        """Whether the last sweep leaves whole frames of the whole shot: there are no bands to join."""
         return self.is_joint(self.sweeps)
 
     def solved(self, sweep: int) -> Iterator[tuple[Block, Block]]:
         """Chunk and band of every block that is solved by itself in a sweep."""
         for chunk, band in product(self.blocks, self.chunks.bands):
-            if sweep in self.solved_in(chunk.index, band.index):
+            if self._is_solved(chunk.index, band.index, sweep):
                 yield chunk, band
 
     def solved_in(self, chunk: int, band: int) -> tuple[int, ...]:
         """Sweeps in which a block is solved by itself."""
+        return tuple(sweep for sweep in range(1 + self.sweeps) if self._is_solved(chunk, band, sweep))
+
+    def _is_solved(self, chunk: int, band: int, sweep: int) -> bool:
         period = ROUND if self.chunks.joint > 0 else 2
         turn = 1 if (chunk + band) % 2 else 2
-        return (0, *(sweep for sweep in range(1, 1 + self.sweeps) if sweep % period == turn % period))
+        return sweep == 0 or sweep % period == turn % period
 
     def held_in(self, chunk: int, band: int) -> tuple[int, ...]:
-        """Sweeps that leave a value of a block."""
-        joint = (sweep for sweep in range(1 + self.sweeps) if self.is_joint(sweep))
-        return tuple(sorted({*self.solved_in(chunk, band), *joint}))
+        """Sweeps that leave a value of a block, ascending."""
+        sweeps = range(1 + self.sweeps)
+        return tuple(k for k in sweeps if self._is_solved(chunk, band, k) or self.is_joint(k))
 
-    def stage(self, chunk: int, band: int, sweep: int) -> str:
-        """The stage of a sweep: the last one of whole frames is `solve`; others are `solve.0`, or `solve.0.r3`."""
+    def last_solve(self, chunk: int, band: int, sweep: int) -> int:
+        """The sweep before this one in which a block was last solved by itself; 0 for the first."""
+        return max((k for k in self.solved_in(chunk, band) if k < sweep), default=0)
+
+    def stage(self, chunk: int, band: int, sweep: int) -> StageId:
+        """The stage that stores a block's value of a sweep: `solve` for the last one of whole frames."""
         if self.is_joint(sweep):
-            return "solve" if sweep == self.sweeps else f"solve.{sweep}"
+            return SOLVE if sweep == self.sweeps else StageId("solve", sweep)
         if not self.chunks.whole:
-            return f"solve.{sweep}.r{band}"
-        return "solve" if sweep == self.held_in(chunk, band)[-1] else f"solve.{sweep}"
+            return StageId("solve", sweep, band)
+        return SOLVE if sweep == self.held_in(chunk, band)[-1] else StageId("solve", sweep)
 
-    def before(self, position: int, bands: tuple[int, ...], sweep: int) -> dict[int, str]:
-        """Band -> the stage that holds what was known of a position before a sweep."""
-        chunk = self.chunk_of(position)
+    def before(self, chunk: int, bands: Iterable[int], sweep: int) -> dict[int, StageId]:
+        """Band -> the stage that stores the last value of a chunk before a sweep."""
         known = {band: max(k for k in self.held_in(chunk, band) if k < sweep) for band in bands}
         return {band: self.stage(chunk, band, last) for band, last in known.items()}
 
-    def chunk_of(self, position: int) -> int:
-        """Number of the chunk whose core holds a position."""
-        return next(b.index for b in self.blocks if b.core.start <= position < b.core.stop)
+    def index_of(self, stage: StageId, chunk: int) -> int:
+        """Index of the node that commits a chunk of a stage: the chunk, or 0 if one node commits all frames."""
+        sweep = self.sweeps if stage.sweep is None else stage.sweep
+        return 0 if self.is_joint(sweep) and stage.band is None else chunk
 
-    def index_of(self, stage: str, position: int) -> int:
-        """Index of the node that commits a position of a stage: its chunk, or 0 if one node commits all frames."""
-        name, _, rest = stage.partition(".")
-        sweep = self.sweeps if name == stage else int(rest.partition(".")[0])
-        return 0 if self.is_joint(sweep) and ".r" not in stage else self.chunk_of(position)
+    def loaded(self, chunk: Block, sweep: int) -> range:
+        """Positions that a block reads: its outer span, and from sweep 1 on a border frame on each side."""
+        if sweep == 0:
+            return range(chunk.outer.start, chunk.outer.stop)
+        return range(max(0, chunk.outer.start - 1), min(self.length, chunk.outer.stop + 1))
 
     def arrays(self) -> dict[str, ArrayForm]:
-        """Arrays of the store that sweeps before the last one write; those of bands with their rows."""
+        """Arrays of the store for sweeps before the last one; those of bands with their rows."""
         whole = [k for k in range(self.sweeps) if self.chunks.whole or self.is_joint(k)]
-        arrays: dict[str, ArrayForm] = {f"solve.{sweep}": "material" for sweep in whole}
+        arrays: dict[str, ArrayForm] = {StageId("solve", k).array("material"): "material" for k in whole}
         if self.chunks.whole:
             return arrays
         sweeps = [k for k in range(1 + self.sweeps) if not self.is_joint(k)]
-        bands = product(sweeps, self.chunks.bands)
-        return arrays | {f"solve.{sweep}.r{band.index}": ("material", len(band.core)) for sweep, band in bands}
+        for sweep, band in product(sweeps, self.chunks.bands):
+            arrays[StageId("solve", sweep, band.index).array("material")] = ("material", len(band.core))
+        return arrays

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
-from yesnt.io.records import key_of
+from yesnt.core.stage_id import StageId
+from yesnt.io.records import frame_key, key_of
+from yesnt.planning.task_records import TaskRecord
 
-NodeId = tuple[str, int]
-"""Stage name and index in that stage (position of a frame, or number of a chunk)."""
+NodeId = tuple[StageId, int]
+"""Stage and index in that stage (position of a frame, or number of a chunk)."""
+
+
+NOTHING = TaskRecord()
+"""Arguments of a task that needs only the job."""
 
 
 @dataclass(frozen=True)
@@ -18,24 +24,24 @@ class Node:
     """One task: idempotent, small enough to send, its result determined by `fields`.
 
     Attributes:
-        stage: stage name; the task that runs it is looked up by it.
+        stage: the stage whose records it commits.
         index: position of the frame, or number of the chunk.
         frames: frame numbers that it commits, each with a record of its own.
-        fields: everything that the result depends on, the keys of `needs` included.
+        fields: everything that the result depends on, keys of other nodes included; see `key_of`.
         needs: nodes that must be done before.
-        arguments: what the task is told beside the job; small.
-        transient: its result serves its users only, and is swept away once they are done.
+        task: the task's arguments besides the job; their type selects the function that runs it.
+        transient: its result serves only the nodes that need it, and is removed once they are done.
     """
 
-    stage: str
+    stage: StageId
     index: int
     frames: tuple[int, ...]
     fields: Mapping[str, Any]
     needs: tuple[NodeId, ...] = ()
-    arguments: Mapping[str, Any] = field(default_factory=dict)
+    task: TaskRecord = NOTHING
     transient: bool = False
 
-    @property
+    @cached_property
     def id(self) -> NodeId:
         """Stage and index."""
         return (self.stage, self.index)
@@ -45,13 +51,23 @@ class Node:
         """Hash of everything that the result depends on."""
         return key_of(self.fields)
 
+    @property
+    def inputs(self) -> Mapping[str, str]:
+        """Digests of the input files that the task reads, by role."""
+        inputs: Mapping[str, str] = self.fields.get("inputs", {})
+        return inputs
+
     def frame_fields(self, frame: int) -> Mapping[str, Any]:
-        """What one frame's record holds: a chunk commits several frames under one set of fields."""
+        """The fields of one frame's record: all frames of a node share its fields."""
         return self.fields if len(self.frames) == 1 else {**self.fields, "frame": frame}
 
     def frame_key(self, frame: int) -> str:
-        """The key of one committed frame."""
-        return self.key if len(self.frames) == 1 else key_of(self.frame_fields(frame))
+        """The key of one frame's record; equal to `key_of` of its fields."""
+        return self.key if len(self.frames) == 1 else frame_key(self.key, frame)
+
+    def without_needs(self) -> Node:
+        """The node as it is sent to a worker: a joint solve of a long shot needs tens of thousands of nodes."""
+        return replace(self, needs=())
 
 
 class Graph:
@@ -61,24 +77,42 @@ class Graph:
         nodes: the nodes, needs first.
     """
 
-    def __init__(self, nodes: Iterable[Node]) -> None:
+    def __init__(self, nodes: Iterable[Node] = ()) -> None:
         self.nodes: dict[NodeId, Node] = {}
+        self._committers: dict[StageId, dict[int, Node]] = {}
+        self.extend(nodes)
+
+    def extend(self, nodes: Iterable[Node]) -> None:
+        """Adds nodes one by one, so that nodes made later may ask for nodes made before.
+
+        Raises:
+            ValueError: a node is there already, or one that it needs is not.
+        """
         for node in nodes:
             missing = [need for need in node.needs if need not in self.nodes]
             if missing or node.id in self.nodes:
                 raise ValueError(f"node {node.id} comes twice or before what it needs: {missing}")
             self.nodes[node.id] = node
+            self._committers.setdefault(node.stage, {}).update(dict.fromkeys(node.frames, node))
 
-    def __iter__(self) -> Any:
+    def committer(self, stage: StageId, frame: int) -> Node:
+        """The node that commits a frame of a stage.
+
+        Raises:
+            KeyError: none does.
+        """
+        return self._committers[stage][frame]
+
+    def __iter__(self) -> Iterator[Node]:
         return iter(self.nodes.values())
 
     def __len__(self) -> int:
         return len(self.nodes)
 
     @property
-    def stages(self) -> tuple[str, ...]:
-        """Stage names in order of first appearance."""
-        return tuple(dict.fromkeys(stage for stage, _ in self.nodes))
+    def stages(self) -> tuple[StageId, ...]:
+        """Stages in order of first appearance."""
+        return tuple(self._committers)
 
     def closure(self, targets: Sequence[NodeId]) -> Graph:
         """The part of the graph that the targets need, themselves included."""

@@ -8,9 +8,10 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from yesnt.core.stage_id import StageId
 from yesnt.inspect.audit import states
 from yesnt.measure.trade.run import read_trade
-from yesnt.planning.stages import STAGES, stage_of
+from yesnt.planning.stages import STAGES
 from yesnt.runtime.session import Session
 
 
@@ -18,7 +19,7 @@ def gather(session: Session) -> dict[str, Any]:
     """A plain document with everything that the page shows in numbers."""
     graph = session.graph()
     found = states(session, graph)
-    counts = Counter((stage_of(s.stage).name, s.state) for s in found)
+    counts = Counter((StageId.parse(s.stage).name, s.state) for s in found)
     records = [session.book.find(s.stage, s.frame) for s in found if s.state == "done"]
     rows = [_row(stage, counts, [r for r in records if r is not None and r.stage == stage]) for stage in STAGES]
     return {
@@ -60,7 +61,7 @@ def _solver(facts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 def _sampling(records: Sequence[Any]) -> dict[str, Any]:
     """Network evaluations in all, and of the cheapest and the dearest frame."""
-    spent = [record.facts["evaluations"] for record in records if "evaluations" in record.facts]
+    spent = [record.facts["nfe"] for record in records if "nfe" in record.facts]
     if not spent:
         return {}
     return {"total": round(sum(spent)), "least": round(min(spent)), "most": round(max(spent)), "frames": len(spent)}
@@ -77,6 +78,6 @@ def _tasks(session: Session) -> list[dict[str, Any]]:
             tasks = []
         elif event["event"] == "done":
             end = event["time"]
-            span = {"stage": stage_of(event["stage"]).name, "frame": event["frames"][0], "worker": event["pid"]}
+            span = {"stage": StageId.parse(event["stage"]).name, "frame": event["frames"][0], "worker": event["pid"]}
             tasks.append(span | {"begin": end - event["seconds"], "end": end})
     return tasks

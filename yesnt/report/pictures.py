@@ -29,9 +29,9 @@ def draw(session: Session) -> dict[str, bytes]:
     chosen = delivered[:: max(1, len(delivered) // STRIP_FRAMES)][:STRIP_FRAMES]
     if chosen:
         pictures["strip"] = png(np.concatenate([_strip(session, frame) for frame in chosen], axis=0))
-    heat = _evaluations(session)
+    heat = _nfe(session)
     if heat is not None:
-        pictures["evaluations"] = png(heat)
+        pictures["nfe"] = png(heat)
     slices = _slices(session)
     if slices is not None:
         pictures["slices"] = png(slices)
@@ -61,16 +61,16 @@ def _strip(session: Session, frame: int) -> Float32:
     return np.concatenate(panels, axis=1).astype(np.float32)
 
 
-def _evaluations(session: Session) -> Float32 | None:
+def _nfe(session: Session) -> Float32 | None:
     """Where network evaluations went: up to four frames side by side, black: none, bright: the most."""
     import cv2
 
     store, book = FrameStore(session.output.store), session.book
     records = [book.find("decompose", frame) for frame in session.job.frames]
-    drawn = [r for r in records if r is not None and "evaluations" in r.arrays]
+    drawn = [r for r in records if r is not None and "nfe" in r.arrays]
     chosen = drawn[:: max(1, len(drawn) // HEAT_FRAMES)][:HEAT_FRAMES]
     try:
-        maps = [store.read("evaluations", session.job.position(r.frame), r.arrays["evaluations"])[0] for r in chosen]
+        maps = [store.read("nfe", session.job.position(r.frame), r.arrays["nfe"])[0] for r in chosen]
     except (YesntError, KeyError, OSError):
         return None
     if not maps:

@@ -8,9 +8,6 @@ from typing import Any
 from yesnt.planning.stages import STAGES
 
 WIDTH, LANE = 1000, 22
-COLORS = dict(
-    zip(STAGES, ("#2f4b7c", "#4878a8", "#8cb369", "#b07aa1", "#d1495b", "#edae49", "#66a182", "#999999"), strict=True)
-)
 
 
 def timeline_svg(tasks: Sequence[dict[str, Any]]) -> str:
@@ -23,9 +20,9 @@ def timeline_svg(tasks: Sequence[dict[str, Any]]) -> str:
     bars = [_bar(task, begin, scale, workers[task["worker"]]) for task in tasks]
     height = LANE * len(workers) + 40
     legend = "".join(
-        f'<rect x="{i * 110}" y="{height - 16}" width="12" height="12" fill="{color}"/>'
-        f'<text x="{i * 110 + 16}" y="{height - 6}" font-size="12">{stage}</text>'
-        for i, (stage, color) in enumerate(COLORS.items())
+        f'<rect x="{i * 110}" y="{height - 16}" width="12" height="12" fill="{row.color}"/>'
+        f'<text x="{i * 110 + 16}" y="{height - 6}" font-size="12">{row.name}</text>'
+        for i, row in enumerate(STAGES.values())
     )
     axis = f'<text x="{WIDTH}" y="{height - 6}" font-size="12" text-anchor="end">{end - begin:.0f} s</text>'
     return (
@@ -37,7 +34,8 @@ def timeline_svg(tasks: Sequence[dict[str, Any]]) -> str:
 def _bar(task: dict[str, Any], begin: float, scale: float, lane: int) -> str:
     x, width = (task["begin"] - begin) * scale, max(0.5, (task["end"] - task["begin"]) * scale)
     title = f"{task['stage']} {task['frame']}: {task['end'] - task['begin']:.2f} s"
+    color = STAGES[task["stage"]].color
     return (
-        f'<rect x="{x:.1f}" y="{lane * LANE}" width="{width:.1f}" height="{LANE - 3}" fill="{COLORS[task["stage"]]}">'
+        f'<rect x="{x:.1f}" y="{lane * LANE}" width="{width:.1f}" height="{LANE - 3}" fill="{color}">'
         f"<title>{title}</title></rect>"
     )

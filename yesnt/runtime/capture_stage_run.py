@@ -9,14 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from yesnt.capture_stage.jobs import RenderJob
 from yesnt.capture_stage.render import find_receipt, render
 from yesnt.capture_stage.tools import Tools
 from yesnt.io.records import Record, RecordBook
 from yesnt.planning.graph import Node
+from yesnt.planning.task_records import RenderTask
 from yesnt.runtime.cluster import ClusterSpec, address_of, dashboard_of, open_cluster
 from yesnt.runtime.driver import Driver, DriverSettings, Outcome
-from yesnt.tasks.workspace import peak_bytes
+from yesnt.tasks.memory import peak_bytes
 from yesnt.workflows.stage import stage_graph
 
 Listener = Callable[[Mapping[str, Any]], None]
@@ -54,13 +54,14 @@ def run_stage(
 def render_node(context: StageContext, node: Node) -> dict[str, Any]:
     """One Blender start: a job of the stage; twice, or after a kill, it leaves the same files."""
     began = time.perf_counter()
-    job: RenderJob = node.arguments["job"]
+    assert isinstance(node.task, RenderTask)
+    job = node.task.job
     receipt = render(job, Path(context.out), context.tools)
     files = {str(Path(receipt.folder) / name): digest for name, digest in receipt.files.items()}
     seconds = time.perf_counter() - began
     book = RecordBook(Path(context.out) / "records")
     book.commit(
-        Record(node.stage, node.frames[0], node.key, node.fields, {}, files, {"task": seconds, "kernel": seconds})
+        Record(node.stage.label, node.frames[0], node.key, node.fields, {}, files, {"task": seconds, "kernel": seconds})
     )
     return {"seconds": seconds, "kernel_seconds": seconds, "peak_bytes": peak_bytes(), "pid": 0}
 
@@ -68,5 +69,5 @@ def render_node(context: StageContext, node: Node) -> dict[str, Any]:
 def _forget_damaged(book: RecordBook, graph: Any, out: Path) -> None:
     """A record whose pictures are gone or changed is none: they are rendered again."""
     for node in graph:
-        if book.find(node.stage, node.frames[0]) and find_receipt(node.arguments["job"], out) is None:
+        if book.find(node.stage, node.frames[0]) and find_receipt(node.task.job, out) is None:
             book.forget(node.stage, node.frames[0])

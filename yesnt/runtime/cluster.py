@@ -190,15 +190,14 @@ def _quiet() -> Iterator[None]:
 
 def dask_settings() -> dict[str, Any]:
     """Dask's settings for long tasks that keep their pixels to themselves; `deploy/dask.yaml` says the same."""
+    from yesnt.planning.stages import STAGES
+
     return {
         "distributed.scheduler.allowed-failures": 0,  # a death is counted by the driver, not by Dask
         "distributed.scheduler.work-stealing": False,  # the window holds one task a slot: nothing to steal
         "distributed.scheduler.no-workers-timeout": "120s",
         "distributed.scheduler.default-task-durations": {
-            "decompose": "5s",
-            "flow": "1s",
-            "solve": "5s",
-            "relight": "5s",
+            row.name: f"{row.cost.scheduler_seconds}s" for row in STAGES.values() if row.cost.scheduler_seconds
         },
         "distributed.worker.memory.target": False,  # receipts are small: there is nothing to spill
         "distributed.worker.memory.spill": False,

@@ -180,8 +180,9 @@ class Driver:
         node = self._graph.nodes[node_id]
         attempt = self._failures.get(node_id, 0) + self._deaths.get(node_id, 0)
         # The prefix before the hash groups the dashboard's bars by stage.
-        key = (f"{node.stage}-{node.key}", node.index, attempt)
-        future = client.submit(self._task, self._context, node, key=key, pure=False, retries=0)
+        key = (f"{node.stage.name}-{node.key}", node.index, attempt)
+        sent = node.without_needs()
+        future = client.submit(self._task, self._context, sent, key=key, pure=False, retries=0)
         self._running[node_id] = future
         fault_point("driver.after_submit")
         future.add_done_callback(lambda done, node_id=node_id: self._finished.put((node_id, done)))
@@ -293,7 +294,9 @@ class Driver:
         heapq.heappush(self._ready, (self._place[node_id], node_id))
 
     def _tell(self, event: str, node: Node, **facts: Any) -> None:
-        self._listen({"event": event, "time": time.time(), "stage": node.stage, "frames": list(node.frames), **facts})
+        self._listen(
+            {"event": event, "time": time.time(), "stage": node.stage.label, "frames": list(node.frames), **facts}
+        )
 
 
 def _places(graph: Graph) -> dict[NodeId, Place]:

@@ -8,11 +8,12 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
 from yesnt.core.errors import UsageError
+from yesnt.core.stage_id import StageId
 from yesnt.io.durable import sweep_partials, write_json
 from yesnt.io.jobfile import parse_frames
 from yesnt.io.output import OutputFolder
@@ -21,7 +22,8 @@ from yesnt.io.store import FrameStore
 from yesnt.planning import settings as of
 from yesnt.planning.chunks import ChunkPlan, Extent, fits_whole, matte_extent, plan_chunks
 from yesnt.planning.graph import Graph, Node, NodeId
-from yesnt.planning.stages import STAGES, ShotPlan, stage_of
+from yesnt.planning.shot_plan import ShotPlan
+from yesnt.planning.stages import FORMER_ARRAYS, STAGES
 from yesnt.runtime.cluster import ClusterSpec, address_of, check_kind, dashboard_of, open_cluster, warm_up
 from yesnt.runtime.driver import Driver, DriverSettings, Outcome, is_done
 from yesnt.runtime.preflight import Resolved, inspect_content, inspect_form, resolve
@@ -54,7 +56,7 @@ class RunResult:
     """What a run left: outcome over all passes, frames that are missing and why."""
 
     outcome: Outcome = field(default_factory=Outcome)
-    missing: dict[tuple[str, int], str] = field(default_factory=dict)
+    missing: dict[tuple[StageId, int], str] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
     output: Path = Path()
     dashboard: str = ""
@@ -64,11 +66,11 @@ class RunResult:
 class Missing:
     """Frames that cannot be had, by what they are missing for."""
 
-    reasons: Mapping[tuple[str, int], str]
+    reasons: Mapping[tuple[StageId, int], str]
 
     def frames(self, *stages: str) -> frozenset[int]:
         """Frames missing from any of these stages."""
-        return frozenset(frame for stage, frame in self.reasons if stage_of(stage).name in stages)
+        return frozenset(frame for stage, frame in self.reasons if stage.name in stages)
 
 
 class Session:
@@ -84,6 +86,9 @@ class Session:
         self.job = self.resolved.job
         self.output = OutputFolder.of(self.job)
         self.book = RecordBook(self.output.records)
+        # A plan and a graph are the same as long as the same frames are missing; building a long shot's takes seconds.
+        self._plan_without = lru_cache(maxsize=1)(self._make_plan)
+        self._graph_without = lru_cache(maxsize=1)(lambda *lost: shot_graph(self._plan_without(*lost)))
 
     @cached_property
     def chunks(self) -> ChunkPlan:
@@ -97,20 +102,20 @@ class Session:
 
     def plan(self, missing: Missing | None = None) -> ShotPlan:
         """The nodes' builder; frames in `missing` are done without."""
-        missing = missing or Missing(self.marked_dead())
-        return ShotPlan(
-            self.job,
-            self.resolved.digests,
-            self.resolved.backend,
-            self.chunks,
-            missing.frames("decompose", "window"),
-            missing.frames("flow"),
-            missing.frames("solve", "relight", "composite"),
-        )
+        return self._plan_without(*self._lost(missing))
 
     def graph(self, missing: Missing | None = None) -> Graph:
         """All nodes of the shot."""
-        return shot_graph(self.plan(missing))
+        return self._graph_without(*self._lost(missing))
+
+    def _lost(self, missing: Missing | None) -> tuple[frozenset[int], ...]:
+        """Frames without decomposition, without flow, and without delivery."""
+        missing = missing or Missing(self.marked_dead())
+        undelivered = missing.frames("confidence", "solve", "relight", "composite")
+        return missing.frames("decompose", "window"), missing.frames("flow"), undelivered
+
+    def _make_plan(self, *lost: frozenset[int]) -> ShotPlan:
+        return ShotPlan(self.job, self.resolved.digests, self.resolved.backend, self.chunks, *lost)
 
     def targets(self, graph: Graph, options: RunOptions) -> list[NodeId]:
         """The nodes that a run is asked for.
@@ -130,9 +135,9 @@ class Session:
             )
         last = options.until or ("preview" if options.frames is None else "composite")
         if last in ("preview", "composite") and not wanted.isdisjoint(self.job.frames):
-            chosen = [n.id for n in graph if n.stage == last and not wanted.isdisjoint(n.frames)]
-            return chosen if last == "composite" else [n.id for n in graph if n.stage in ("composite", "preview")]
-        return [n.id for n in graph if stage_of(n.stage).name == last and not wanted.isdisjoint(n.frames)]
+            chosen = [n.id for n in graph if n.stage.label == last and not wanted.isdisjoint(n.frames)]
+            return chosen if last == "composite" else [n.id for n in graph if n.stage.label in ("composite", "preview")]
+        return [n.id for n in graph if n.stage.name == last and not wanted.isdisjoint(n.frames)]
 
     def run(self, options: RunOptions, listen: Listener = lambda event: None) -> RunResult:
         """Runs what is not done; frames that cannot be had are left out so that all others finish.
@@ -161,8 +166,8 @@ class Session:
 
     def _pass(self, options: RunOptions, result: RunResult, cluster: _LazyCluster, tell: Listener) -> bool:
         """Drives the graph once; True if frames were lost that the next pass must do without."""
-        plan = self.plan(Missing(result.missing))
-        graph = shot_graph(plan)
+        known = Missing(dict(result.missing))
+        plan, graph = self.plan(known), self.graph(known)
         graph = graph.closure(self.targets(graph, options))
         FrameStore.create(
             self.output.store, plan.arrays(), len(self.job.frames), self.job.height, self.job.width
@@ -178,32 +183,44 @@ class Session:
                 result.missing |= {(node.stage, frame): reason for frame in node.frames}
                 if reasons is outcome.dead:
                     self._mark_dead(node, reason)
-        lost = {stage_of(stage).name for stage, _ in (*outcome.failed, *outcome.dead)}
-        return bool(outcome.blocked and lost - {"preview"})  # a video cannot leave out frames of its own
+        lost = {stage.name for stage, _ in (*outcome.failed, *outcome.dead)}
+        found = len(result.missing) > len(known.reasons)  # else the next pass would fail alike
+        return bool(found and outcome.blocked and lost - {"preview"})  # a video cannot leave out frames of its own
 
     def _sweep_transients(self) -> None:
         """Removes transient results once all their users are done: earlier sweeps, windows, video segments."""
         graph = self.graph()
-        for stage, served in (("solve", "solve.*"), ("decompose", "window.*"), ("preview", "preview.*")):
-            if all(is_done(self.book, node) for node in graph if node.stage == stage):
+        kept = [node for node in graph if not node.transient]
+        for name in {node.stage.name for node in graph if node.transient}:
+            passing = {node.id for node in graph if node.transient and node.stage.name == name}
+            served = [node for node in kept if not passing.isdisjoint(node.needs)]
+            if all(is_done(self.book, node) for node in served):
                 # Records first: no record without its frame.
                 for folder in (self.book.folder, self.output.store, self.output.segments):
-                    for transient in folder.glob(served):
+                    for transient in folder.glob(f"{name}.*"):
                         shutil.rmtree(transient)
+        self._sweep_former()
 
-    def marked_dead(self) -> dict[tuple[str, int], str]:
+    def _sweep_former(self) -> None:
+        """Removes records and arrays that older versions kept under other names."""
+        for name in (row.former_name for row in STAGES.values() if row.former_name):
+            shutil.rmtree(self.book.folder / name, ignore_errors=True)
+        for name in FORMER_ARRAYS:
+            shutil.rmtree(self.output.store / name, ignore_errors=True)
+
+    def marked_dead(self) -> dict[tuple[StageId, int], str]:
         """Frames that killed their workers in an earlier run; `retry` takes the marks away."""
         marks = {}
         for path in sorted(self.output.dead.glob("*/*.json")):
             document = json.loads(path.read_text())
-            marks[document["stage"], document["frame"]] = document["reason"]
+            marks[StageId.parse(document["stage"]), document["frame"]] = document["reason"]
         return marks
 
     def _mark_dead(self, node: Node, reason: str) -> None:
         for frame in node.frames:
-            path = self.output.dead / node.stage / f"{frame:04d}.json"
+            path = self.output.dead / node.stage.label / f"{frame:04d}.json"
             path.parent.mkdir(parents=True, exist_ok=True)
-            write_json(path, {"stage": node.stage, "frame": frame, "reason": reason})
+            write_json(path, {"stage": node.stage.label, "frame": frame, "reason": reason})
 
     @contextmanager
     def _events(self, listen: Listener) -> Iterator[Listener]:
@@ -275,7 +292,7 @@ def _count(graph: Graph) -> dict[str, int]:
 def _count_ids(ids: list[NodeId]) -> dict[str, int]:
     counts: dict[str, int] = {}
     for stage, _ in ids:
-        counts[stage_of(stage).name] = counts.get(stage_of(stage).name, 0) + 1
+        counts[stage.name] = counts.get(stage.name, 0) + 1
     return counts
 
 

@@ -6,7 +6,7 @@ every cache of a worker is keyed by the digest that the task's key holds, and a 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -21,6 +21,7 @@ from yesnt.io.jobfile import frame_path, pass_patterns
 from yesnt.io.records import RecordBook
 from yesnt.io.shot_inputs import file_digest
 from yesnt.planning.graph import Node
+from yesnt.planning.stages import DECOMPOSE, FLOW, RELIGHT
 
 if TYPE_CHECKING:
     import numpy as np
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-_READERS_OF_INPUTS = ("relight", "decompose", "flow")
+_READERS_OF_INPUTS = (RELIGHT, DECOMPOSE, FLOW)
 """Stages whose records name plates, G-buffers and cameras; a later stage looks their digests up there."""
 
 
@@ -71,14 +72,17 @@ class TaskInputs:
 
     def __init__(self, job: Job, node: Node, book: RecordBook) -> None:
         self._job, self._node, self._book = job, node, book
+        self._known: dict[tuple[str, int], str] = {}
 
     def digest(self, role: str, frame: int) -> str:
         """The digest of the file that a role (`plate`, `gbuffer`, `camera`) has in a frame.
 
         It is what the node's key, or a record that the key includes, says of the file; of another file it is computed.
         """
-        known = self._own(role, frame) or self._recorded(role, frame)
-        return known if known is not None else file_digest(self.path(role, frame))
+        if (role, frame) not in self._known:  # a joint solve asks for every frame's plate several times
+            known = self._own(role, frame) or self._recorded(role, frame)
+            self._known[role, frame] = known or file_digest(self.path(role, frame))
+        return self._known[role, frame]
 
     def path(self, role: str, frame: int) -> Path:
         """The file of a role in a frame."""
@@ -136,30 +140,23 @@ class TaskInputs:
 
     def _prove(self, role: str, pattern: str | None) -> None:
         assert pattern is not None
-        prove_input(frame_path(self._job.root, pattern, self._node.frames[0]), self._inputs.get(role))
-
-    @property
-    def _inputs(self) -> Mapping[str, str]:
-        inputs: Mapping[str, str] = self._node.fields.get("inputs", {})
-        return inputs
+        prove_input(frame_path(self._job.root, pattern, self._node.frames[0]), self._node.inputs.get(role))
 
     def _own(self, role: str, frame: int) -> str | None:
         """The digest that the node's own fields hold."""
-        inputs, frames = self._inputs, self._job.frames
+        inputs, first = self._node.inputs, self._node.frames[0]
         if f"{role} {frame}" in inputs:
             return inputs[f"{role} {frame}"]
-        if frame == self._node.frames[0]:
+        if frame == first:
             return inputs.get(role)
-        follows = frames.index(frame) == frames.index(self._node.frames[0]) + 1
+        follows = self._job.position(frame) == self._job.position(first) + 1
         return inputs.get(f"next_{role}") if follows else None
 
     def _recorded(self, role: str, frame: int) -> str | None:
         """The digest in the record of a stage that the node's key includes."""
         upstream = self._node.fields.get("upstream", {})
-        for stage in _READERS_OF_INPUTS:
-            if (key := upstream.get(f"{stage} {frame}")) is None:
-                continue
-            record = self._book.done(stage, frame, key)
+        for stage in (stage for stage in _READERS_OF_INPUTS if stage.label in upstream):
+            record = self._book.find(stage, frame)
             if record is not None and role in record.fields.get("inputs", {}):
                 found: str = record.fields["inputs"][role]
                 return found

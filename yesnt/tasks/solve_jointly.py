@@ -1,7 +1,7 @@
-"""The joint sweep of the temporal solve: what exchanges between blocks still move, in all frames at once.
+"""Task of a joint sweep: solves the pixels that the exchanges of a round left unconverged, in all frames together.
 
 See temporal/joint.py. Frames are read one at a time, in a few passes: how far pixels moved, which are unconverged, and
-their lists. What stays in memory is masks of the sequence, a bit a pixel, and the lists.
+their lists. Masks of the sequence, a bit for each pixel, and the lists stay in memory.
 """
 
 from __future__ import annotations
@@ -12,48 +12,58 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.tasks.solve import Links, Window, array_of, keep, known, listed, solve_window
+from yesnt.planning.chunks import ROUND
+from yesnt.planning.task_records import SolveJointlyTask
+from yesnt.tasks.decoded import release_memory
+from yesnt.tasks.memory import trim_memory
+from yesnt.tasks.solve_window import Links, Window, keep, known, listed, solve_window
 from yesnt.tasks.workspace import Workspace
 from yesnt.temporal.geometry import PackedMasks
 from yesnt.temporal.joint import ChangeCounter, FrameLinks, listed_frames, unconverged_pixels
 
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
+Space = Workspace[SolveJointlyTask]
 
 UNCONVERGED = 0.3
 """A pixel is unconverged if the round moved it by more than this share of the tolerance."""
 
 ATTEMPTS = 4
-"""How often the choice is narrowed until the unconverged pixels and their rim fit into memory."""
+"""How often the threshold is raised until the unconverged pixels and their surroundings fit into memory."""
 
 
-def solve_jointly(space: Workspace) -> None:
-    """Commits all frames: solved where they were unconverged, unchanged elsewhere."""
-    now: dict[int, dict[int, str]] = space.node.arguments["now"]
+def solve_jointly(space: Space) -> None:
+    """Commits the material [2, H, W] of all frames: solved where unconverged, unchanged elsewhere."""
+    release_memory()
     window, facts = _choose(space)
     if window is None:
         for frame in space.pending():
             keep(space, frame, facts, None)
-        return
-    start = listed(window, lambda frame: known(space, now[frame], frame))
-    value, solved = solve_window(space, window, start)
-    first = np.cumsum([0, *(np.count_nonzero(window.matte[t]) for t in range(len(window.frames)))])
+    else:
+        start = listed(window, lambda frame: _known(space, frame))
+        value, solved = solve_window(space, window, start)
+        _commit(space, window, value, facts | solved)
+    trim_memory()  # the next task's peak would add to the freed lists
 
+
+def _commit(space: Space, window: Window, value: Float32, facts: dict[str, Any]) -> None:
+    """Writes the frames that have free pixels with their new value [2, N], and keeps the others."""
+    first = np.cumsum([0, *(np.count_nonzero(window.matte[t]) for t in range(len(window.frames)))])
     pending = set(space.pending())
     for index, frame in enumerate(space.job.frames):
         if frame not in pending:
             continue
         if window.fixed[index][window.matte[index]].all():
-            keep(space, frame, facts | solved, None)
+            keep(space, frame, facts, None)
             continue
-        whole = known(space, now[frame], frame).copy()
+        whole = _known(space, frame).copy()
         whole[:, window.matte[index]] = value[:, first[index] : first[index + 1]]
-        space.commit(frame, {array_of(space.node.stage): whole}, facts=facts | solved)
+        space.commit(frame, {"material": whole}, facts=facts)
 
 
-def _choose(space: Workspace) -> tuple[Window | None, dict[str, Any]]:
-    """The window of the unconverged pixels and their rim, as many as memory allows; None if there are none."""
-    room: int = space.node.arguments["joint"]
+def _choose(space: Space) -> tuple[Window | None, dict[str, Any]]:
+    """The unconverged pixels and their surroundings, as many as memory allows; None if all have converged."""
+    room = space.task.exchange.chunks.joint
     count, largest = _count(space)
     facts: dict[str, Any] = {"moved": min(largest, 1.0), "unconverged": 0}
     smallest = UNCONVERGED * space.job.shot.temporal.tolerance
@@ -75,14 +85,20 @@ def _size(masks: Mask | PackedMasks) -> int:
     return int(sum(np.count_nonzero(masks[t]) for t in range(len(masks))))
 
 
-def _moved(space: Workspace, frame: int) -> Float32:
-    """How far the round moved a frame, [H, W], the worse of the channels; 0 outside the matte."""
-    now, then = (known(space, space.node.arguments[state][frame], frame) for state in ("now", "then"))
+def _known(space: Space, frame: int, sweeps_ago: int = 0) -> Float32:
+    """A frame [2, H, W] as it was before this sweep, or so many sweeps earlier."""
+    return known(space, frame, range(len(space.task.bands)), space.task.sweep - sweeps_ago)
+
+
+def _moved(space: Space, frame: int) -> Float32:
+    """How far the round moved a frame, [H, W], the larger of the two channels; 0 outside the matte."""
+    now, then = _known(space, frame), _known(space, frame, ROUND - 1)
     change: Float32 = np.abs(now - then).max(axis=0)
     return np.where(space.matte(frame), change, np.float32(0))
 
 
-def _count(space: Workspace) -> tuple[ChangeCounter, float]:
+def _count(space: Space) -> tuple[ChangeCounter, float]:
+    """How many pixels moved how far, and the largest change."""
     count, largest = ChangeCounter(), 0.0
     for frame in space.job.frames:
         change = _moved(space, frame)[space.matte(frame)]
@@ -95,7 +111,7 @@ def _count(space: Workspace) -> tuple[ChangeCounter, float]:
 class _Choice:
     """Masks of the whole sequence for a threshold."""
 
-    space: Workspace
+    space: Space
 
     def window(self, threshold: float) -> Window:
         """Free pixels are those that moved by more than the threshold and their surroundings."""
@@ -110,7 +126,7 @@ class _Choice:
             pair = links.pair(index) if index + 1 < len(frames) else (None, None)
             return FrameLinks(space.matte(frames[index]), *pair)
 
-        # What is fixed takes the place of what is free as soon as a frame has been listed: there is room for two masks.
+        # Once a frame has been listed, its fixed pixels take the memory of its free ones: there is room for two masks.
         for index, found in enumerate(listed_frames(read, lambda t: free[t], len(frames))):
             rim[index] = found
             free[index] = found & ~free[index]

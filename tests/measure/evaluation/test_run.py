@@ -117,21 +117,22 @@ def test_full_is_what_the_product_delivers(evaluated):
     """The same picture, to the bit, that the job of `yesnt run` would composite."""
     from yesnt.io.store import FrameStore
     from yesnt.planning.graph import Graph
+    from yesnt.planning.stages import RELIGHT
     from yesnt.runtime.session import Session
     from yesnt.tasks.run import run_node
 
     home = evaluated[1] / "shots" / "ball"
     session = Session(home)
     graph = session.graph()
-    for node in Graph(graph.closure([("relight", 0)])):
-        if node.stage == "relight":
+    for node in Graph(graph.closure([(RELIGHT, 0)])):
+        if node.stage == RELIGHT:
             FrameStore.create(session.output.store, session.plan().arrays(), 2, session.job.height, session.job.width)
             run_node(session.job, node)
     store, position = FrameStore(session.output.store), 0
     product = session.book.find("relight", 1001).arrays
     lit = sum(store.read(name, position, product[name]) for name in ("diffuse", "specular"))
-    judged = session.book.find("judge.noon", 1001).arrays["relit.noon.full"]
-    np.testing.assert_array_equal(store.read("relit.noon.full", position, judged), lit)
+    judged = session.book.find("judge.noon", 1001).arrays["judge.noon.relit.full"]
+    np.testing.assert_array_equal(store.read("judge.noon.relit.full", position, judged), lit)
 
 
 def test_new_materials_leave_the_given_rows_as_they_are(shot, tmp_path):

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from yesnt.core.stage_id import StageId
 from yesnt.measure.evaluation.plan import EvalPlan
 
 Pair = tuple[float, float]
@@ -25,7 +26,7 @@ def _candidates(plan: EvalPlan) -> list[Mapping[str, float]]:
     columns = []
     for name, _ in plan.subject.maps:
         judged = plan.judged(name)
-        record = plan.session.book.find(f"search.{name}", judged[len(judged) // 2])
+        record = plan.session.book.find(StageId("search", part=name), judged[len(judged) // 2])
         if record is not None:
             columns.append(record.facts["psnr"])
     return columns

@@ -2,30 +2,44 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from yesnt.io.records import key_of
+from yesnt.core.stage_id import StageId
+from yesnt.io.records import digest_of
 from yesnt.io.shot_inputs import file_digest
 from yesnt.measure.evaluation.nets import stlpips_weights
 from yesnt.measure.evaluation.rows import EXACT_ARRAYS, ROWS, Row
 from yesnt.measure.evaluation.scorer import FILMED, GIVEN_KEPT, SEARCH_METALLIC, SEARCH_ROUGHNESS, SEARCH_STRIDE
 from yesnt.measure.evaluation.subjects import PROXY, RELIT, Subject, common_frames
+from yesnt.measure.evaluation.task_records import (
+    BouncesTask,
+    ExactTask,
+    MaterialTask,
+    ScoreTask,
+    SearchTask,
+    SubjectTask,
+    VideoTask,
+)
 from yesnt.planning import settings as of
-from yesnt.planning.graph import Node, NodeId
-from yesnt.planning.stages import STAGES
+from yesnt.planning.graph import Graph, Node
+from yesnt.planning.keyed_settings import changed_fields, changed_keys
+from yesnt.planning.stages import DECOMPOSE, FLOW, SOLVE, STAGES
 from yesnt.runtime.session import Session
 
 VERSION = 3
 """Of this package's tasks; raised when a number changes, which makes every older record stale."""
 
-Keys = Mapping[tuple[str, int], str]
+Upstream = tuple[StageId, int]
+"""Stage and frame of what a node takes."""
+
+EXACT, MATERIAL = StageId("exact"), StageId("material")
+
 SEARCH_KNOBS = {
     "texels": 256, "clusters": 32, "capture_texels": 128, "capture_clusters": 32, "bounce": 1, "capture_passes": 1,
 }  # fmt: skip
@@ -95,84 +109,82 @@ class EvalPlan:
 
     def arrays(self) -> dict[str, str]:
         """Arrays of the store beside the product's, and the channel that each is shaped like."""
-        kept = {
-            f"relit.{name}.{row}": "diffuse" for name, _ in self.subject.maps for row in FILMED if self.filmed(name)
-        }
-        kept |= {f"relit.{name}.{row}": "diffuse" for name, _ in self.subject.maps for row in GIVEN_KEPT}
-        return kept | dict.fromkeys(self.exact_arrays, "material")
+        names = [name for name, _ in self.subject.maps]
+        kept = [StageId("judge", part=n).array(f"relit.{row}") for n in names if self.filmed(n) for row in FILMED]
+        kept += [StageId("given", part=n).array(f"relit.{row}") for n in names for row in GIVEN_KEPT]
+        return dict.fromkeys(kept, "diffuse") | dict.fromkeys(self.exact_arrays, "material")
 
-    def exact(self, keys: Keys) -> Node:
+    def exact(self, graph: Graph) -> Node:
         """Solves of the true materials."""
-        upstream: list[tuple[str, int]] = []
+        upstream: list[Upstream] = []
         if not self.lacking:
-            upstream += [("decompose", frame) for frame in self.frames]
-            upstream += [("flow", frame) for frame in self.frames[:-1]]
+            upstream += [(DECOMPOSE, frame) for frame in self.frames]
+            upstream += [(FLOW, frame) for frame in self.frames[:-1]]
         shot = self.session.job.shot
         settings = {
-            "energy": dataclasses.asdict(of.energy_params(shot)), "tolerance": shot.temporal.tolerance,
+            "energy": changed_fields(of.energy_params(shot)), "tolerance": shot.temporal.tolerance,
             "arrays": self.exact_arrays,
         }  # fmt: skip
         inputs = self._truth_files() | self._shot_files(self.frames)
-        arguments = {"own": not self.lacking, "arrays": self.exact_arrays}
-        return self._node("exact", self.frames, settings, inputs, upstream, keys, arguments)
+        task = ExactTask(self.subject, not self.lacking, self.exact_arrays)
+        return self._node(EXACT, self.frames, settings, inputs, upstream, graph, task)
 
-    def material(self, keys: Keys) -> Node:
+    def material(self, graph: Graph) -> Node:
         """Errors of materials and flow."""
-        upstream = [(stage, frame) for stage in ("decompose", "solve") for frame in self.frames]
-        upstream += [("flow", frame) for frame in self.frames[:-1]]
+        upstream = [(stage, frame) for stage in (DECOMPOSE, SOLVE) for frame in self.frames]
+        upstream += [(FLOW, frame) for frame in self.frames[:-1]]
         inputs = self._truth_files() | self._shot_files(self.frames)
-        return self._node("material", self.frames[:1], {}, inputs, upstream, keys, {})
+        return self._node(MATERIAL, self.frames[:1], {}, inputs, upstream, graph, MaterialTask(self.subject))
 
-    def search(self, name: str) -> Node:
+    def search(self, name: str, graph: Graph) -> Node:
         """PSNR of candidate constants on one frame."""
         frame = self.shown(name)
         grid = {"roughness": SEARCH_ROUGHNESS, "metallic": SEARCH_METALLIC, "stride": SEARCH_STRIDE, **SEARCH_KNOBS}
-        inputs = self._picture_files(name, frame)
-        arguments = {
-            "map": name, "env": self.subject.env_path(name), "knobs": SEARCH_KNOBS, "shot": self._shot_digest(frame),
-        }  # fmt: skip
-        return self._node(f"search.{name}", (frame,), self._relighting() | {"grid": grid}, inputs, [], {}, arguments)
+        inputs, settings = self._picture_files(name, frame), self._relighting() | {"grid": grid}
+        task = SearchTask(self.subject, name, SEARCH_KNOBS, self._shot_digest(frame))
+        return self._node(StageId("search", part=name), (frame,), settings, inputs, [], graph, task)
 
-    def given(self, name: str, frame: int) -> Node:
+    def given(self, name: str, frame: int, graph: Graph) -> Node:
         """The rows that the decomposition has no part in; true materials are kept for the stages' own errors."""
         rows = [row.name for row in self._present(name) if row.given and row.source != "blender"]
-        arguments = self._arguments(name, rows, strip=frame == self.shown(name), keep=GIVEN_KEPT)
-        return self._pictures(f"given.{name}", frame, arguments, [], {})
+        task = self._score(name, frame, rows, strip=frame == self.shown(name), keep=GIVEN_KEPT)
+        return self._pictures("given", frame, task, [], graph)
 
-    def reference(self, name: str, frame: int) -> Node:
+    def reference(self, name: str, frame: int, graph: Graph) -> Node:
         """Blender's own row, apart from the others since it is rendered last."""
-        arguments = self._arguments(name, [row.name for row in self._present(name) if row.source == "blender"])
-        return self._pictures(f"reference.{name}", frame, arguments, [], {}, PROXY)
+        task = self._score(name, frame, [row.name for row in self._present(name) if row.source == "blender"])
+        return self._pictures("reference", frame, task, [], graph, PROXY)
 
     def early(self, name: str) -> dict[int, Path]:
         """Truths of a map whose light paths end after so many bounces."""
         return self.subject.early_paths(name, self.shown(name))
 
-    def bounces(self, name: str) -> Node:
+    def bounces(self, name: str, graph: Graph) -> Node:
         """What each further bounce is worth."""
-        arguments = self._arguments(name, [])
-        told = {f"bounces {number}": _digest(path) for number, path in self.early(name).items()}
-        node = self._pictures(f"bounces.{name}", self.shown(name), arguments, [], {})
-        return replace(node, fields={**node.fields, "truths": told})
+        frame = self.shown(name)
+        inputs = self._picture_files(name, frame)
+        inputs |= {f"bounces {number}": _digest(path) for number, path in self.early(name).items()}
+        task = BouncesTask(self.subject, name, self._shot_digest(frame))
+        return self._node(StageId("bounces", part=name), (frame,), self._relighting(), inputs, [], graph, task)
 
-    def judge(self, name: str, frame: int, keys: Keys) -> Node:
+    def judge(self, name: str, frame: int, graph: Graph) -> Node:
         """The rows that the decomposition has a part in, or on frames between only those of the film."""
         thorough = frame in self.judged(name)
         own = [row for row in self._present(name) if not row.given and row.group != "ladder"]
         rows = [row.name for row in own if thorough or row.name in FILMED]
-        upstream = [(f"given.{name}", frame)] if thorough else []
-        upstream += [("exact", frame)] if thorough and self.exact_arrays else []
+        upstream = [(StageId("given", part=name), frame)] if thorough else []
+        upstream += [(EXACT, frame)] if thorough and self.exact_arrays else []
         if not self.lacking:
-            upstream += [("decompose", frame), ("solve", frame)]
+            upstream += [(DECOMPOSE, frame), (SOLVE, frame)]
         strip = not self.lacking and frame == self.shown(name)
         keep = FILMED if self.filmed(name) else ()
-        arguments = self._arguments(name, rows, thorough=thorough, strip=strip, keep=keep)
-        return self._pictures(f"judge.{name}", frame, arguments, upstream, keys)
+        task = self._score(name, frame, rows, thorough=thorough, strip=strip, keep=keep)
+        return self._pictures("judge", frame, task, upstream, graph)
 
-    def steps(self, name: str, frame: int, keys: Keys) -> Node:
+    def steps(self, name: str, frame: int, graph: Graph) -> Node:
         """The ladder with own materials, which costs more than all else and is wanted last."""
         rows = [row.name for row in self._present(name) if not row.given and row.group == "ladder"]
-        return self._pictures(f"steps.{name}", frame, self._arguments(name, rows), [("solve", frame)], keys)
+        return self._pictures("steps", frame, self._score(name, frame, rows), [(SOLVE, frame)], graph)
 
     def _present(self, name: str) -> list[Row]:
         """Rows that can be had under a map, but for the constants, which are known later."""
@@ -185,41 +197,31 @@ class EvalPlan:
         judged = self.judged(name)
         return judged[len(judged) // 2]
 
-    def _arguments(self, name: str, rows: list[str], **more: Any) -> dict[str, Any]:
-        plain = {"map": name, "rows": rows, "thorough": True, "constants": {}, "strip": False, "keep": ()}
-        return {**plain, "lpips": None if self.lpips is None else str(self.lpips), **more}
+    def _score(self, name: str, frame: int, rows: Sequence[str], **more: Any) -> ScoreTask:
+        return ScoreTask(self.subject, name, self._shot_digest(frame), tuple(rows), lpips=self.lpips, **more)
 
     def flat(self, name: str, frame: int, constants: Mapping[str, tuple[float, float]]) -> Node:
         """The rows of constant materials."""
-        arguments = self._arguments(name, list(constants), constants=dict(constants))
-        return self._pictures(f"flat.{name}", frame, arguments, [], {})
+        task = self._score(name, frame, list(constants), constants=dict(constants))
+        return self._pictures("flat", frame, task, [], Graph())
 
-    def film(self, name: str, keys: Keys) -> Node:
+    def film(self, name: str, graph: Graph) -> Node:
         """Numbers of the films of a map."""
-        upstream = [(f"judge.{name}", frame) for frame in self.frames]
+        upstream = [(StageId("judge", part=name), frame) for frame in self.frames]
         inputs = self._truth_files() | self._shot_files(self.frames)
         for frame in self.frames:
             inputs[f"relit {frame}"] = _digest(self.subject.relit_path(name, frame))
-        return self._node(
-            f"film.{name}", self.frames[:1], {"nets": self._nets()}, inputs, upstream, keys, {"map": name}
-        )
+        stage, settings = StageId("film", part=name), {"nets": self._nets()}
+        return self._node(stage, self.frames[:1], settings, inputs, upstream, graph, VideoTask(self.subject, name))
 
     def _pictures(
-        self,
-        stage: str,
-        frame: int,
-        arguments: dict[str, Any],
-        upstream: list[tuple[str, int]],
-        keys: Keys,
-        judged: str = RELIT,
+        self, stage: str, frame: int, task: ScoreTask, upstream: list[Upstream], graph: Graph, judged: str = RELIT
     ) -> Node:
-        told = {k: list(v) if isinstance(v, tuple) else v for k, v in arguments.items() if k != "lpips"}
-        arguments = {**arguments, "shot": self._shot_digest(frame)}
-        settings = self._relighting() | {"told": told, "nets": self._nets()}
-        inputs = self._picture_files(arguments["map"], frame)
+        settings = self._relighting() | {"task": task.settings, "nets": self._nets()}
+        inputs = self._picture_files(task.map, frame)
         if judged == PROXY:
-            inputs["blender proxy"] = _digest(self.subject.relit_path(arguments["map"], frame, PROXY))
-        return self._node(stage, (frame,), settings, inputs, upstream, keys, arguments)
+            inputs["blender proxy"] = _digest(self.subject.relit_path(task.map, frame, PROXY))
+        return self._node(StageId(stage, part=task.map), (frame,), settings, inputs, upstream, graph, task)
 
     def _nets(self) -> dict[str, str]:
         weights = stlpips_weights()
@@ -228,8 +230,8 @@ class EvalPlan:
 
     def _relighting(self) -> dict[str, Any]:
         shot = self.session.job.shot
-        capture = shot.capture_light.model_dump(mode="json") if shot.capture_light else None
-        return {"relight": dataclasses.asdict(of.relight_settings(shot)), "capture": capture}
+        capture = changed_keys(shot.capture_light) if shot.capture_light else None
+        return {"relight": changed_fields(of.relight_settings(shot)), "capture": capture}
 
     def _picture_files(self, name: str, frame: int) -> dict[str, str]:
         truth = {
@@ -240,7 +242,7 @@ class EvalPlan:
 
     def _shot_digest(self, frame: int) -> str:
         """What the scene of a frame is remembered by in a worker."""
-        return key_of({"root": self.session.job.root, "files": self._shot_files((frame,)), **self._relighting()})
+        return digest_of({"root": self.session.job.root, "files": self._shot_files((frame,)), **self._relighting()})
 
     def _truth_files(self) -> dict[str, str]:
         paths = [self.subject.material_path(frame) for frame in self.frames]
@@ -267,33 +269,25 @@ class EvalPlan:
 
     def _node(
         self,
-        stage: str,
+        stage: StageId,
         frames: tuple[int, ...],
         settings: Mapping[str, Any],
         inputs: Mapping[str, str],
-        upstream: list[tuple[str, int]],
-        keys: Keys,
-        arguments: Mapping[str, Any],
+        upstream: list[Upstream],
+        graph: Graph,
+        task: SubjectTask,
     ) -> Node:
         # Tasks call these stages' kernels themselves, so their versions are part of the key.
         kernels = {name: STAGES[name].version for name in ("solve", "relight")}
+        needs = [graph.committer(*need) for need in upstream]
+        keys = (node.frame_key(frame) for (_, frame), node in zip(upstream, needs, strict=True))
         fields = {
-            "stage": stage, "evaluation": VERSION, "kernels": kernels,
+            "stage": stage.label, "evaluation": VERSION, "kernels": kernels,
             "settings": dict(settings), "inputs": dict(inputs),
-            "upstream": {f"{name} {frame}": keys[name, frame] for name, frame in upstream},
+            "upstream": {f"{taken} {frame}": key for (taken, frame), key in zip(upstream, keys, strict=True)},
         }  # fmt: skip
-        needs = tuple(dict.fromkeys(self._node_of(name, frame) for name, frame in upstream))
         index = self.session.job.position(frames[0])
-        return Node(stage, index, frames, fields, needs, {**arguments, "subject": self.subject})
-
-    def _node_of(self, stage: str, frame: int) -> NodeId:
-        """The node that commits a frame of a stage, the product's or the evaluation's."""
-        position = self.session.job.position(frame)
-        if stage == "exact":
-            return (stage, 0)
-        if stage != "solve":
-            return (stage, position)
-        return (stage, self.session.plan().exchange.index_of(stage, position))
+        return Node(stage, index, frames, fields, tuple(dict.fromkeys(node.id for node in needs)), task)
 
 
 @lru_cache(maxsize=100_000)

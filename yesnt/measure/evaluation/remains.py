@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 
 from yesnt.core.color import srgb_encode
+from yesnt.core.stage_id import StageId
 from yesnt.measure.evaluation.plan import EvalPlan
 from yesnt.measure.evaluation.rows import ROWS, Row
 from yesnt.measure.evaluation.scene import SceneKey, open_scene
+from yesnt.measure.evaluation.task_records import BouncesTask
 from yesnt.metrics.image import mean_squared_error
 from yesnt.metrics.score import Truth
 from yesnt.tasks.workspace import Workspace
@@ -20,11 +22,10 @@ VARIANT = "+"
 """Between a subject and an effect in the name of a shot: `bust+hair` is `bust` with hair."""
 
 
-def bounces(space: Workspace) -> None:
+def bounces(space: Workspace[BouncesTask]) -> None:
     """Squared display errors of truths that end early, and of ours with as many bounces, against the whole truth."""
-    arguments, frame = space.node.arguments, space.node.frames[0]
-    subject, name = arguments["subject"], arguments["map"]
-    scene = open_scene(SceneKey(arguments["shot"], frame, 1, space.job))
+    subject, name, frame = space.task.subject, space.task.map, space.frame
+    scene = open_scene(SceneKey(space.task.shot, frame, 1, space.job))
     radiance, opacity = subject.read_relit(name, frame)
     truth = Truth.of(radiance, opacity, scene.plate.matte)
     material, whole = subject.read_material(frame, scene.plate.matte), srgb_encode(truth.radiance)
@@ -59,7 +60,7 @@ def _bounce_lines(plans: Sequence[EvalPlan]) -> Iterator[dict[str, Any]]:
         record.facts["bounces"]
         for plan in plans
         for name, _ in plan.subject.maps
-        if (record := plan.session.book.find(f"bounces.{name}", plan.shown(name))) is not None
+        if (record := plan.session.book.find(StageId("bounces", part=name), plan.shown(name))) is not None
     ]
     for number in sorted({int(n) for one in facts for n in one}):
         mean = {k: float(np.mean([one[str(number)][k] for one in facts if str(number) in one])) for k in _KINDS}

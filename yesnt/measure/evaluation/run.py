@@ -25,7 +25,7 @@ from yesnt.measure.evaluation.subjects import Subject, find_subjects
 from yesnt.measure.evaluation.summary import summarise
 from yesnt.measure.evaluation.table import as_markdown
 from yesnt.measure.evaluation.tasks import run_evaluation_node
-from yesnt.planning.graph import Graph
+from yesnt.planning.graph import Graph, NodeId
 from yesnt.runtime.cluster import ClusterSpec, open_cluster
 from yesnt.runtime.driver import Driver
 from yesnt.runtime.session import Session
@@ -220,15 +220,14 @@ def _run_here(plan: EvalPlan, graph: Graph, done: set[Any], listen: Listener) ->
     for node in graph:
         if node.id in done:
             continue
-        about = {"time": time.time(), "stage": node.stage, "frames": list(node.frames)}
+        about = {"time": time.time(), "stage": node.stage.label, "frames": list(node.frames)}
         listen({"event": "start", **about})
         receipt = run_evaluation_node(plan.session.job, node)
         listen({"event": "done", **about, **receipt})
 
 
-def _count(ids: Iterable[tuple[str, int]]) -> dict[str, int]:
+def _count(ids: Iterable[NodeId]) -> dict[str, int]:
     counts: dict[str, int] = {}
     for stage, _ in ids:
-        name = stage.partition(".")[0]
-        counts[name] = counts.get(name, 0) + 1
+        counts[stage.name] = counts.get(stage.name, 0) + 1
     return counts

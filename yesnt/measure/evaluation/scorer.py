@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.core.color import srgb_encode
+from yesnt.core.stage_id import StageId
 from yesnt.io.shot_inputs import file_digest
 from yesnt.measure.evaluation.nets import open_nets
 from yesnt.measure.evaluation.pictures import strip_name, write_strip
 from yesnt.measure.evaluation.rows import EXACT_ARRAYS, ROWS, SEPARATIONS, Row
 from yesnt.measure.evaluation.scene import SceneKey, open_scene
-from yesnt.measure.evaluation.subjects import PROXY, Subject, TrueMaterial
+from yesnt.measure.evaluation.subjects import PROXY, TrueMaterial
+from yesnt.measure.evaluation.task_records import ScoreTask, SearchTask
 from yesnt.metrics.image import mean_squared_error, psnr
 from yesnt.metrics.score import Truth, score, score_briefly
+from yesnt.planning.stages import DECOMPOSE, SOLVE
 from yesnt.tasks.workspace import Workspace
 
 F32 = NDArray[np.float32]
@@ -33,34 +35,33 @@ SEARCH_ROUGHNESS = (0.2, 0.35, 0.5, 0.65, 0.8, 1.0)
 SEARCH_METALLIC = (0.0, 0.25, 0.5, 1.0)
 
 
-def judge(space: Workspace) -> None:
+def judge(space: Workspace[ScoreTask]) -> None:
     """Scores the rows of one frame under one map; keeps the pictures that a film's numbers need."""
-    arguments, frame = space.node.arguments, space.node.frames[0]
-    subject, name = arguments["subject"], arguments["map"]
-    studio = _Studio(space, subject, name)
-    rows = [ROWS[row] for row in arguments["rows"]]
+    task, frame = space.task, space.frame
+    studio = _Studio(space)
+    rows = [ROWS[row] for row in task.rows]
     with space.kernel():
         pictures = {row.name: studio.picture(row) for row in rows}
         facts: dict[str, Any] = {"rows": {row.name: studio.scores(row, pictures[row.name]) for row in rows}}
         pictures |= studio.given()
         facts["separation"] = studio.separations(pictures)
-    files = _strip(space, studio, pictures) if arguments["strip"] else {}
-    kept = {f"relit.{name}.{row}": pictures[row].transpose(2, 0, 1) for row in arguments["keep"]}
+    files = _strip(space, studio, pictures) if task.strip else {}
+    kept = {f"relit.{row}": pictures[row].transpose(2, 0, 1) for row in task.keep}
     space.commit(frame, kept, files, facts)
 
 
-def search(space: Workspace) -> None:
+def search(space: Workspace[SearchTask]) -> None:
     """PSNR of every candidate constant on one frame under one map, at one pixel in 25, with few directions."""
-    arguments, frame = space.node.arguments, space.node.frames[0]
-    scene = open_scene(SceneKey(arguments["shot"], frame, SEARCH_STRIDE, space.job))
-    radiance, opacity = arguments["subject"].read_relit(arguments["map"], frame)
+    task, frame = space.task, space.frame
+    scene = open_scene(SceneKey(task.shot, frame, SEARCH_STRIDE, space.job))
+    radiance, opacity = task.subject.read_relit(task.map, frame)
     inside = (np.minimum(scene.matte, opacity) > 0.99) & (scene.matte > 0)
-    row = Row("", "", "separation", "constant", "", {**arguments["knobs"]})
-    errors = {}
+    row = Row("", "", "separation", "constant", "", {**task.knobs})
+    errors, env = {}, task.subject.env_path(task.map)
     with space.kernel():
         for roughness in SEARCH_ROUGHNESS:
             for metallic in SEARCH_METALLIC:
-                relit = scene.relit(row, constant_planes((roughness, metallic), opacity.shape), arguments["env"])
+                relit = scene.relit(row, constant_planes((roughness, metallic), opacity.shape), env)
                 errors[f"{roughness},{metallic}"] = psnr(srgb_encode(relit), srgb_encode(radiance), inside)
     space.commit(frame, {}, facts={"psnr": errors})
 
@@ -73,9 +74,11 @@ def constant_planes(pair: tuple[float, float], shape: tuple[int, ...]) -> F32:
 class _Studio:
     """One frame under one map: its truth, and pictures made once for every way of making them."""
 
-    def __init__(self, space: Workspace, subject: Subject, name: str) -> None:
-        self._space, self._frame, self._subject, self._map = space, space.node.frames[0], subject, name
-        self.scene = open_scene(SceneKey(space.node.arguments["shot"], self._frame, 1, space.job))
+    def __init__(self, space: Workspace[ScoreTask]) -> None:
+        self._space, self._frame, self._task = space, space.frame, space.task
+        self._subject, self._map = self._task.subject, self._task.map
+        subject, name = self._subject, self._map
+        self.scene = open_scene(SceneKey(self._task.shot, self._frame, 1, space.job))
         self.truth = Truth.of(*subject.read_relit(name, self._frame), self.scene.plate.matte, _nets(space))
         self._material: TrueMaterial = subject.read_material(self._frame, self.scene.plate.matte)
         self._made: dict[Any, F32] = {}
@@ -89,17 +92,17 @@ class _Studio:
 
     def given(self) -> dict[str, F32]:
         """The pictures that the node of the given rows has kept for this one."""
-        node, stage = self._space.node, f"given.{self._map}"
-        if not node.stage.startswith("judge.") or not node.arguments["thorough"]:
+        stage = StageId("given", part=self._map)
+        if self._space.node.stage.name != "judge" or not self._task.thorough:
             return {}
-        read = {row: self._space.read(stage, f"relit.{self._map}.{row}", self._frame) for row in GIVEN_KEPT}
+        read = {row: self._space.read(stage, f"relit.{row}", self._frame) for row in GIVEN_KEPT}
         return {row: picture.transpose(1, 2, 0) for row, picture in read.items()}
 
     def scores(self, row: Row, picture: F32) -> Mapping[str, float]:
         """Numbers of a row: all for the table, the quick ones for the ladder and for frames between."""
         if row.group == "separation":
             return {}
-        full = row.thorough and self._space.node.arguments["thorough"]
+        full = row.thorough and self._task.thorough
         found = score(picture, self.truth) if full else score_briefly(picture, self.truth)
         return {metric.name: metric.value for metric in found}
 
@@ -114,7 +117,7 @@ class _Studio:
         }
 
     def _constant(self, row: Row) -> tuple[float, float] | None:
-        pair = self._space.node.arguments["constants"].get(row.name)
+        pair = self._task.constants.get(row.name)
         return None if pair is None else (float(pair[0]), float(pair[1]))
 
     def _make(self, row: Row) -> F32:
@@ -136,22 +139,21 @@ class _Studio:
 
 
 _ARRAYS = {
-    "own": ("solve", "material"),
-    "observed": ("decompose", "observed"),
-    **{source: ("exact", array) for source, array in EXACT_ARRAYS.items()},
+    "own": (SOLVE, "material"),
+    "observed": (DECOMPOSE, "observed"),
+    **{source: (StageId("exact"), array) for source, array in EXACT_ARRAYS.items()},
 }
 """Where the material of a source is stored: stage and array."""
 
 
-def _nets(space: Workspace) -> Any:
-    lpips = space.node.arguments["lpips"]
-    return open_nets(None if lpips is None else Path(lpips))
+def _nets(space: Workspace[ScoreTask]) -> Any:
+    return open_nets(space.task.lpips)
 
 
-def _strip(space: Workspace, studio: _Studio, pictures: Mapping[str, F32]) -> dict[str, str]:
+def _strip(space: Workspace[ScoreTask], studio: _Studio, pictures: Mapping[str, F32]) -> dict[str, str]:
     """Plate, truth, ours, FLIP and ours with true materials side by side, for the page."""
     row = next(name for name in ("full", "full_true") if name in pictures)
-    path = space.output.root / "pictures" / strip_name(space.node.arguments["map"], space.node.frames[0], row)
+    path = space.output.root / "pictures" / strip_name(space.task.map, space.frame, row)
     ceiling = pictures["full_true"] if row == "full" else None
     write_strip(path, studio.scene.plate.color, pictures[row], ceiling, studio.truth)
     return {str(path.relative_to(space.output.root)): file_digest(path)}

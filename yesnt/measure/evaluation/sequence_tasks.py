@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.core.camera import Camera
+from yesnt.core.stage_id import StageId
 from yesnt.io import shot_inputs
 from yesnt.io.jobfile import frame_path
 from yesnt.io.shot_inputs import file_digest
@@ -17,6 +18,7 @@ from yesnt.measure.evaluation.nets import open_nets
 from yesnt.measure.evaluation.pictures import write_materials
 from yesnt.measure.evaluation.scorer import FILMED
 from yesnt.measure.evaluation.subjects import Subject
+from yesnt.measure.evaluation.task_records import ExactTask, MaterialTask, VideoTask
 from yesnt.metrics.definitions import Metric, named
 from yesnt.metrics.image import psnr
 from yesnt.metrics.material import measure_material, sparsification
@@ -24,6 +26,7 @@ from yesnt.metrics.motion import Film, measure_flow, measure_lengths, path_lengt
 from yesnt.metrics.score import SOLID, Truth
 from yesnt.metrics.seen import truly_seen
 from yesnt.planning import settings as of
+from yesnt.planning.stages import DECOMPOSE, FLOW, SOLVE
 from yesnt.tasks.workspace import Workspace
 
 F32 = NDArray[np.float32]
@@ -37,23 +40,23 @@ LARGEST_SPREAD = 0.5
 """Standard deviation that is drawn white: values in 0..1 have none that is larger."""
 
 
-def exact(space: Workspace) -> None:
+def exact(space: Workspace[ExactTask]) -> None:
     """The temporal solve of true materials, along true and along our flow: what the solve itself changes."""
     from yesnt.decompose.confidence import confidence
     from yesnt.temporal import solve
 
-    job, subject = space.job, space.node.arguments["subject"]
+    job, subject = space.job, space.task.subject
     mattes = np.stack([shot_inputs.read_matte(job, frame) for frame in job.frames])
     pairs = zip(job.frames, mattes, strict=True)
     true = np.stack([subject.read_material(frame, matte).planes for frame, matte in pairs], axis=1)
     weights = np.ones_like(true)
-    if space.node.arguments["own"]:
-        spreads = [space.read("decompose", "spread", frame) for frame in job.frames]
+    if space.task.own:
+        spreads = [space.read(DECOMPOSE, "spread", frame) for frame in job.frames]
         weights = np.stack([confidence(spread) for spread in spreads], axis=1)
     links = {}
-    if "exact_own_flow" in space.node.arguments["arrays"]:
+    if "exact_own_flow" in space.task.arrays:
         links["exact_own_flow"] = _own_links(space)
-    if "exact_true_flow" in space.node.arguments["arrays"]:
+    if "exact_true_flow" in space.task.arrays:
         links["exact_true_flow"] = _true_links(space, subject) if len(job.frames) > 1 else _no_links(space)
     solved = {}
     with space.kernel():
@@ -64,9 +67,9 @@ def exact(space: Workspace) -> None:
         space.commit(frame, {name: value[:, t] for name, value in solved.items()})
 
 
-def material(space: Workspace) -> None:
+def material(space: Workspace[MaterialTask]) -> None:
     """Errors of mean and solved materials over all frames, calibration of the spread, and flow."""
-    job, subject, first = space.job, space.node.arguments["subject"], space.node.frames[0]
+    job, subject, first = space.job, space.task.subject, space.frame
     columns: dict[str, list[F32]] = {"true": [], "observed": [], "own": [], "spread": []}
     for frame in job.frames:
         matte = shot_inputs.read_matte(job, frame)
@@ -93,22 +96,22 @@ def material(space: Workspace) -> None:
     space.commit(first, {}, _material_strip(space, subject), facts)
 
 
-def _material_strip(space: Workspace, subject: Subject) -> dict[str, str]:
+def _material_strip(space: Workspace[Any], subject: Subject) -> dict[str, str]:
     """True and solved materials and the ensemble's spread of the middle frame, for the page."""
     frame = space.job.frames[len(space.job.frames) // 2]
     plate = shot_inputs.read_plate(space.job, frame)
     true = subject.read_material(frame, plate.matte).planes
-    own, spread = space.read("solve", "material", frame), space.read("decompose", "spread", frame)
+    own, spread = space.read(SOLVE, "material", frame), space.read(DECOMPOSE, "spread", frame)
     path = space.output.root / "pictures" / MATERIAL_STRIP
     maps = [plane for i in range(2) for plane in (true[i], own[i], spread[i] / LARGEST_SPREAD)]
     write_materials(path, plate.color, maps, plate.matte)
     return {str(path.relative_to(space.output.root)): file_digest(path)}
 
 
-def film(space: Workspace) -> None:
+def film(space: Workspace[VideoTask]) -> None:
     """Numbers of the relit films of one map: with and without temporal regularisation."""
-    arguments, job, first = space.node.arguments, space.job, space.node.frames[0]
-    subject, name = arguments["subject"], arguments["map"]
+    job, first = space.job, space.frame
+    subject, name = space.task.subject, space.task.map
     truths = [_truth(space, subject, name, frame) for frame in job.frames]
     matte = np.stack([truth.inside for truth in truths])
     true = np.stack([truth.display for truth in truths])
@@ -118,7 +121,9 @@ def film(space: Workspace) -> None:
     with space.kernel():
         lengths = [path_length(true, net) for net in nets]
         for row in FILMED:
-            pictures = (space.read(f"judge.{name}", f"relit.{name}.{row}", f).transpose(1, 2, 0) for f in job.frames)
+            pictures = (
+                space.read(StageId("judge", part=name), f"relit.{row}", f).transpose(1, 2, 0) for f in job.frames
+            )
             shown = np.stack([truth.shown(picture) for truth, picture in zip(truths, pictures, strict=True)])
             numbers = _film_numbers(shown, true, matte, links)
             for net, length in zip(nets, lengths, strict=True):
@@ -130,12 +135,12 @@ def film(space: Workspace) -> None:
     space.commit(first, {}, facts={"film": facts})
 
 
-def _truth(space: Workspace, subject: Subject, name: str, frame: int) -> Truth:
+def _truth(space: Workspace[Any], subject: Subject, name: str, frame: int) -> Truth:
     radiance, opacity = subject.read_relit(name, frame)
     return Truth.of(radiance, opacity, shot_inputs.read_matte(space.job, frame))
 
 
-_STORED = {"observed": ("decompose", "observed"), "own": ("solve", "material"), "spread": ("decompose", "spread")}
+_STORED = {"observed": (DECOMPOSE, "observed"), "own": (SOLVE, "material"), "spread": (DECOMPOSE, "spread")}
 
 
 def _film_numbers(shown: Film, true: Film, matte: NDArray[np.bool_], links: tuple[F32, F32] | None) -> list[Metric]:
@@ -147,25 +152,25 @@ def _film_numbers(shown: Film, true: Film, matte: NDArray[np.bool_], links: tupl
     return numbers
 
 
-def _flow_numbers(space: Workspace, subject: Subject) -> list[Metric]:
+def _flow_numbers(space: Workspace[Any], subject: Subject) -> list[Metric]:
     flow, validity = _own_links(space)
     true, seen = _true_links(space, subject)
     matte = np.stack([shot_inputs.read_matte(space.job, frame) > SOLID for frame in space.job.frames[:-1]])
     return measure_flow(flow, true, validity > 0.5, seen > 0.5, matte)
 
 
-def _own_links(space: Workspace) -> tuple[F32, F32]:
+def _own_links(space: Workspace[Any]) -> tuple[F32, F32]:
     """Our flow [T-1, H, W, 2] and its validity [T-1, H, W]."""
     job = space.job
     flow = np.zeros((len(job.frames) - 1, job.height, job.width, 2), np.float32)
     validity = np.zeros(flow.shape[:-1], np.float32)
     for t, frame in enumerate(job.frames[:-1]):
-        flow[t] = space.read("flow", "flow", frame).transpose(1, 2, 0)
-        validity[t] = space.read("flow", "validity", frame)[0]
+        flow[t] = space.read(FLOW, "flow", frame).transpose(1, 2, 0)
+        validity[t] = space.read(FLOW, "validity", frame)[0]
     return flow, validity
 
 
-def _true_links(space: Workspace, subject: Subject) -> tuple[F32, F32]:
+def _true_links(space: Workspace[Any], subject: Subject) -> tuple[F32, F32]:
     """True flow [T-1, H, W, 2] and where its point is truly seen in the next frame [T-1, H, W]."""
     job = space.job
     camera = Camera.open(frame_path(job.root, job.shot.camera, 0))
@@ -176,7 +181,7 @@ def _true_links(space: Workspace, subject: Subject) -> tuple[F32, F32]:
     return flow, np.stack(seen).astype(np.float32)
 
 
-def _no_links(space: Workspace) -> tuple[F32, F32]:
+def _no_links(space: Workspace[Any]) -> tuple[F32, F32]:
     """Flow and validity of a single frame: none."""
     shape = (0, space.job.height, space.job.width)
     return np.zeros((*shape, 2), np.float32), np.zeros(shape, np.float32)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from yesnt.core.stage_id import StageId
 from yesnt.measure.evaluation.margins import margins
 from yesnt.measure.evaluation.pictures import strip_name
 from yesnt.measure.evaluation.plan import EvalPlan
@@ -65,7 +66,7 @@ def _cells(plans: Sequence[EvalPlan]) -> Cells:
 def _facts(plan: EvalPlan, name: str, stages: Iterable[str]) -> Iterable[Mapping[str, Any]]:
     for stage in stages:
         for frame in plan.judged(name):
-            record = plan.session.book.find(f"{stage}.{name}", frame)
+            record = plan.session.book.find(StageId(stage, part=name), frame)
             if record is not None:
                 yield record.facts
 
@@ -149,7 +150,7 @@ def _film(plans: Sequence[EvalPlan]) -> dict[str, Any]:
     films: dict[str, Any] = {}
     for plan in plans:
         for name, _ in plan.subject.maps:
-            record = plan.session.book.find(f"film.{name}", plan.frames[0])
+            record = plan.session.book.find(StageId("film", part=name), plan.frames[0])
             if record is not None and plan.filmed(name):
                 films[f"{plan.subject.name} / {name}"] = record.facts["film"]
     rows = ("unregularised", "full", "truth")

@@ -1,0 +1,111 @@
+"""Arguments of the evaluation's tasks: one frozen record for each kind of task."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from yesnt.measure.evaluation.subjects import Subject
+from yesnt.planning.task_records import TaskRecord
+
+
+@dataclass(frozen=True)
+class SubjectTask(TaskRecord):
+    """Base of all records.
+
+    Attributes:
+        subject: the shot and its truth.
+    """
+
+    subject: Subject
+
+
+@dataclass(frozen=True)
+class ExactTask(SubjectTask):
+    """Solves the true materials.
+
+    Attributes:
+        own: whether the product's own confidence is known.
+        arrays: which solves are made.
+    """
+
+    own: bool
+    arrays: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class MaterialTask(SubjectTask):
+    """Measures materials and flow against the truth."""
+
+
+@dataclass(frozen=True)
+class MapTask(SubjectTask):
+    """Base of the tasks that look at one light map.
+
+    Attributes:
+        map: its name.
+    """
+
+    map: str
+
+
+@dataclass(frozen=True)
+class VideoTask(MapTask):
+    """Measures the videos of a map."""
+
+
+@dataclass(frozen=True)
+class SearchTask(MapTask):
+    """Searches the best constant material of one frame.
+
+    Attributes:
+        knobs: of the cheap relighting that is searched with.
+        shot: digest of the shot's files; keys the scene that a worker keeps.
+    """
+
+    knobs: Mapping[str, Any]
+    shot: str
+
+
+@dataclass(frozen=True)
+class BouncesTask(MapTask):
+    """Measures what each further bounce is worth.
+
+    Attributes:
+        shot: as in `SearchTask`.
+    """
+
+    shot: str
+
+
+@dataclass(frozen=True)
+class ScoreTask(MapTask):
+    """Scores rows of the table on one frame.
+
+    Attributes:
+        shot: as in `SearchTask`.
+        rows: names of the rows.
+        thorough: whether every metric is computed, or only the quick ones.
+        constants: (roughness, metallic) of the rows with constant materials.
+        strip: whether pictures for the page are written.
+        keep: rows whose pictures are stored.
+        lpips: the user's LPIPS weights.
+    """
+
+    shot: str
+    rows: tuple[str, ...]
+    thorough: bool = True
+    constants: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    strip: bool = False
+    keep: tuple[str, ...] = ()
+    lpips: Path | None = None
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The part of the record that a commit key holds; files enter by their digests."""
+        return {
+            "map": self.map, "rows": list(self.rows), "thorough": self.thorough, "strip": self.strip,
+            "constants": {row: list(pair) for row, pair in self.constants.items()}, "keep": list(self.keep),
+        }  # fmt: skip

@@ -1,0 +1,36 @@
+"""Nodes of the composite: one EXR for each delivered frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from yesnt.planning.builders.assemble import frame_keys, frame_node, node_fields
+from yesnt.planning.graph import Graph, Node
+from yesnt.planning.keyed_settings import changed_keys, shared
+from yesnt.planning.shot_plan import ShotPlan
+from yesnt.planning.stages import COMPOSITE, DECOMPOSE, RELIGHT
+from yesnt.planning.task_records import CompositeTask
+
+
+def composite_nodes(plan: ShotPlan, graph: Graph) -> Iterator[Node]:
+    """The EXR of every frame."""
+    shot = plan.job.shot
+    settings = shared(
+        name=shot.name,
+        exr=changed_keys(shot.exr),
+        background=changed_keys(shot.background, {"path"}) if shot.background else "light",
+        job=plan.job_digest,
+    )
+    for frame in plan.delivered:
+        inputs = plan.inputs(frame, **_backdrop(plan))
+        upstream = frame_keys(graph, frame, [RELIGHT, DECOMPOSE])
+        fields = node_fields(plan, COMPOSITE, settings, upstream, inputs=inputs)
+        task = CompositeTask(plan.job_digest)
+        needs = [graph.committer(stage, frame) for stage in (RELIGHT, DECOMPOSE)]
+        yield frame_node(plan, COMPOSITE, frame, fields, task, needs)
+
+
+def _backdrop(plan: ShotPlan) -> dict[str, str]:
+    """What stands behind the subject: a plate, or the light's map as the camera sees it."""
+    shot = plan.job.shot
+    return {"background": shot.background.path} if shot.background else {"light": shot.light.path}

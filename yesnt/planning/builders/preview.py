@@ -1,0 +1,31 @@
+"""Nodes of the preview: segments of a video, encoded as frames are delivered, and the video of all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from yesnt.io.preview import SEGMENT_FRAMES
+from yesnt.planning.builders.assemble import ids, node_fields, node_keys
+from yesnt.planning.graph import Graph, Node
+from yesnt.planning.keyed_settings import shared
+from yesnt.planning.shot_plan import ShotPlan
+from yesnt.planning.stages import COMPOSITE, PREVIEW, SEGMENT
+from yesnt.planning.task_records import PreviewSegmentTask, PreviewTask
+
+
+def segment_nodes(plan: ShotPlan, graph: Graph) -> Iterator[Node]:
+    """Every second of the preview video, as soon as its frames are delivered."""
+    settings = shared(name=plan.job.shot.name)
+    for number, first in enumerate(range(0, len(plan.delivered), SEGMENT_FRAMES)):
+        frames = plan.delivered[first : first + SEGMENT_FRAMES]
+        needs = [graph.committer(COMPOSITE, frame) for frame in frames]
+        fields = node_fields(plan, SEGMENT, settings, node_keys(needs))
+        yield Node(SEGMENT, number, frames[:1], fields, ids(needs), PreviewSegmentTask(frames), transient=True)
+
+
+def preview_nodes(plan: ShotPlan, graph: Graph) -> Iterator[Node]:
+    """The video and the contact sheet of all delivered frames; nothing where none is delivered."""
+    segments = [node for node in graph if node.stage == SEGMENT]
+    if segments:
+        fields = node_fields(plan, PREVIEW, shared(), node_keys(segments))
+        yield Node(PREVIEW, 0, plan.job.frames[:1], fields, ids(segments), PreviewTask(len(segments)))

@@ -1,0 +1,52 @@
+"""Nodes of relighting: one for each delivered frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from yesnt.io.records import SharedSettings
+from yesnt.planning import settings as of
+from yesnt.planning.builders.assemble import frame_keys, frame_node, node_fields
+from yesnt.planning.graph import Graph, Node
+from yesnt.planning.keyed_settings import changed_fields, changed_keys, shared
+from yesnt.planning.shot_plan import ShotPlan
+from yesnt.planning.stages import RELIGHT, SOLVE
+from yesnt.planning.task_records import RelightTask
+
+
+def relight_nodes(plan: ShotPlan, graph: Graph) -> Iterator[Node]:
+    """Every frame with the capture light divided out and the new light applied."""
+    settings, probes = _settings(plan), _probe_inputs(plan)
+    for frame in plan.delivered:
+        inputs = _frame_inputs(plan, frame) | probes
+        fields = node_fields(plan, RELIGHT, settings, frame_keys(graph, frame, [SOLVE]), inputs=inputs)
+        yield frame_node(plan, RELIGHT, frame, fields, RelightTask(), [graph.committer(SOLVE, frame)])
+
+
+def _settings(plan: ShotPlan) -> SharedSettings:
+    shot = plan.job.shot
+    return shared(
+        relight=changed_fields(of.relight_settings(shot)),
+        light=changed_keys(shot.light, {"path"}),
+        capture=changed_keys(shot.capture_light, {"path"}) if shot.capture_light else None,
+        gbuffer=changed_keys(shot.gbuffer, {"path"}),
+        plate=changed_keys(shot.plate, {"path"}),
+    )
+
+
+def _frame_inputs(plan: ShotPlan, frame: int) -> dict[str, str]:
+    shot = plan.job.shot
+    return plan.inputs(
+        frame, plate=shot.plate.path, gbuffer=shot.gbuffer.path, proxy=shot.proxy.path if shot.proxy else None,
+        light=shot.light.path, capture=shot.capture_light.path if shot.capture_light else None, camera=shot.camera,
+    )  # fmt: skip
+
+
+def _probe_inputs(plan: ShotPlan) -> dict[str, str]:
+    """Files of the frames that the capture light is estimated from; none if it is given."""
+    shot, found = plan.job.shot, dict[str, str]()
+    if shot.capture_light is not None and shot.capture_light.estimate:
+        for frame in plan.job.probe_frames:
+            seen = plan.inputs(frame, plate=shot.plate.path, gbuffer=shot.gbuffer.path)
+            found |= {f"probe {role} {frame}": digest for role, digest in seen.items()}
+    return found

@@ -1,0 +1,131 @@
+"""What the builders of a shot's nodes know: which frames each stage makes, the solver's schedule, digests of inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+from yesnt.core.blocks import Chunks
+from yesnt.core.shot import Job
+from yesnt.core.stage_id import StageId
+from yesnt.decompose.identity import BackendIdentity
+from yesnt.decompose.settings import keyframes_taken
+from yesnt.decompose.window import Window, plan_windows
+from yesnt.io.jobfile import frame_path, has_frame_number
+from yesnt.io.records import digest_of
+from yesnt.io.store import ArrayForm
+from yesnt.planning import settings as of
+from yesnt.planning.chunks import ChunkPlan
+from yesnt.planning.exchange import Exchange
+from yesnt.planning.keyed_settings import changed_keys
+from yesnt.planning.stages import STAGES
+from yesnt.planning.task_records import Gaps
+from yesnt.temporal.outliers import OUTLIER_HALO
+
+CONFIDENCE_CHUNK = 16
+"""Frames of a confidence task, where the job does not say."""
+
+
+@dataclass(frozen=True)
+class ShotPlan:
+    """A shot as the builders of its nodes see it.
+
+    Attributes:
+        job: the job.
+        digests: path as resolved -> digest, for every input file.
+        backend: name, version and weights digest of the decomposition; None if passes are read.
+        chunks: how the solver's chunks are cut.
+        absent: frames whose decomposition is dead: they are solved without data and not delivered.
+        unlinked: frames whose flow is dead: the solver gets no link there.
+        undelivered: frames whose relighting or chunk is dead.
+    """
+
+    job: Job
+    digests: Mapping[str, str]
+    backend: BackendIdentity | None
+    chunks: ChunkPlan
+    absent: frozenset[int] = frozenset()
+    unlinked: frozenset[int] = frozenset()
+    undelivered: frozenset[int] = frozenset()
+
+    @cached_property
+    def present(self) -> tuple[int, ...]:
+        """Frames that are decomposed."""
+        return tuple(f for f in self.job.frames if f not in self.absent)
+
+    @cached_property
+    def delivered(self) -> tuple[int, ...]:
+        """Frames that are relit and written."""
+        return tuple(f for f in self.present if f not in self.undelivered)
+
+    @cached_property
+    def linked(self) -> tuple[int, ...]:
+        """Frames that have flow to the next."""
+        return tuple(f for f in self.job.frames[:-1] if f not in self.unlinked)
+
+    @property
+    def gaps(self) -> Gaps:
+        """Frames that the solver does without."""
+        return Gaps(self.absent, self.unlinked)
+
+    @cached_property
+    def exchange(self) -> Exchange:
+        """Which block is solved when."""
+        return Exchange(len(self.job.frames), self.chunks)
+
+    @property
+    def confidence_chunks(self) -> Chunks:
+        """Chunks of the confidence tasks: short enough to keep all workers busy, whatever the solver's chunks are."""
+        length = self.job.shot.temporal.chunk or CONFIDENCE_CHUNK
+        return Chunks(len(self.job.frames), length, OUTLIER_HALO)
+
+    def arrays(self) -> dict[str, ArrayForm]:
+        """Arrays of the store and the channel that each holds; for bands with their rows."""
+        arrays: dict[str, ArrayForm] = {}
+        for row in STAGES.values():
+            lanes = self.lanes if row.in_lanes else (StageId(row.name),)
+            arrays |= {stage.array(channel): channel for stage in lanes for channel in row.channels}
+        return arrays | self.exchange.arrays()
+
+    @cached_property
+    def job_digest(self) -> str:
+        """Hash of the job's settings; the EXR headers carry it."""
+        settings = changed_keys(self.job.shot, {"output": True, "decompose": {"accept_license"}})
+        return digest_of({name: value for name, value in settings.items() if value != {}})
+
+    @cached_property
+    def windows(self) -> tuple[Window, ...]:
+        """Windows of a video backend; none of another."""
+        if self.backend is None or not self.backend.footprint.window:
+            return ()
+        return plan_windows(len(self.job.frames), self.backend.footprint)
+
+    @property
+    def lanes(self) -> tuple[StageId, ...]:
+        """Stages that store windows."""
+        return tuple(StageId("window", lane=lane) for lane in sorted({window.lane for window in self.windows}))
+
+    @cached_property
+    def keyframes(self) -> Mapping[int, int]:
+        """Frame -> the keyframe whose estimate it takes (decompose/settings.py)."""
+        if self.backend is None or self.windows:
+            return {}
+        step = of.ensemble_settings(self.job.shot).keyframe_step
+        return keyframes_taken(self.job.frames, step, self.absent, self.unlinked)
+
+    def inputs(self, frame: int, **patterns: str | None) -> dict[str, str]:
+        """Digests of a frame's input files, by role; patterns that the job does not have are left out."""
+        return {role: self._digest(pattern, frame) for role, pattern in patterns.items() if pattern is not None}
+
+    def _digest(self, pattern: str, frame: int) -> str:
+        by_frame = self._digests_of.setdefault(pattern, {})
+        named = frame if has_frame_number(pattern) else 0  # else one file serves all frames
+        if named not in by_frame:
+            by_frame[named] = self.digests[str(frame_path(self.job.root, pattern, named))]
+        return by_frame[named]
+
+    @cached_property
+    def _digests_of(self) -> dict[str, dict[int, str]]:
+        """Pattern -> frame -> digest, as far as it was asked for: several stages read the same files."""
+        return {}

@@ -1,0 +1,79 @@
+"""Task that composites one frame and writes its EXR."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yesnt.core.channels import CHANNELS, DELIVERED
+from yesnt.core.color import CHROMATICITIES_REC709
+from yesnt.io.exr import write_exr
+from yesnt.io.shot_inputs import file_digest
+from yesnt.planning.stages import DECOMPOSE, RELIGHT, SOLVE
+from yesnt.planning.task_records import CompositeTask
+from yesnt.tasks.light import LightFiles, backdrop
+from yesnt.tasks.workspace import Workspace
+
+Float32 = NDArray[np.float32]
+
+
+def composite(space: Workspace[CompositeTask]) -> None:
+    """Writes the EXR of one frame and commits its digest."""
+    from yesnt.scene.composite import associate, over
+
+    job, frame = space.job, space.frame
+    camera = space.camera()
+    plate, surface = space.plate(frame), space.surface(frame, camera)
+    diffuse, specular, shadow = (space.read(RELIGHT, name, frame) for name in ("diffuse", "specular", "shadow"))
+    background = space.inputs.background()
+    with space.kernel():
+        if background is None:
+            background = backdrop(LightFiles(job, frame, space.node.inputs), camera)
+        relit = associate((diffuse + specular).transpose(1, 2, 0), plate.matte)
+        planes = {
+            "composite": over(relit, background).transpose(2, 0, 1),
+            "relit": relit.transpose(2, 0, 1),
+            "diffuse": diffuse * plate.matte,
+            "specular": specular * plate.matte,
+            "shadow": shadow,
+            "material": space.read(SOLVE, "material", frame),
+            "spread": space.read(DECOMPOSE, "spread", frame),
+            "normal": _unit(surface.normal).transpose(2, 0, 1),
+            "z": surface.z[None],
+        }
+        delivered = _exr_planes(planes)
+    path = space.output.exr_path(job.shot.name, frame)
+    write_exr(path, delivered, _exr_attributes(space), job.shot.exr.compression)
+    space.commit(frame, {}, {str(path.relative_to(space.output.root)): file_digest(path)})
+
+
+def _unit(vectors: Float32) -> Float32:
+    """Unit vectors [..., 3]; 0 stays 0."""
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return (vectors / np.where(length > 0, length, 1)).astype(np.float32)
+
+
+def _exr_planes(planes: dict[str, Float32]) -> dict[str, NDArray[np.floating]]:
+    """Planes under their EXR names and pixel types, in the registry's order."""
+    largest_half = np.float32(65504)
+    out: dict[str, NDArray[np.floating]] = {}
+    for name in DELIVERED:
+        channel = CHANNELS[name]
+        for exr_name, plane in zip(channel.exr, planes[name], strict=True):
+            # A sun seen in a mirror exceeds half's range; infinity would poison every filter downstream.
+            out[exr_name] = (
+                plane if channel.exr_pixel == "float" else np.minimum(plane, largest_half).astype(np.float16)
+            )
+    return out
+
+
+def _exr_attributes(space: Workspace[CompositeTask]) -> dict[str, Any]:
+    """The file's header: its colour space and what it was made from."""
+    return {
+        "chromaticities": CHROMATICITIES_REC709,
+        "yesnt:job": space.task.job_digest,
+        "yesnt:key": space.node.key,
+        "yesnt:frame": str(space.frame),
+    }

@@ -1,0 +1,34 @@
+"""Task that relights one frame."""
+
+from __future__ import annotations
+
+from yesnt.planning import settings as of
+from yesnt.planning.stages import SOLVE
+from yesnt.planning.task_records import RelightTask
+from yesnt.tasks.light import LightFiles, prepared_lights
+from yesnt.tasks.workspace import Workspace
+
+
+def relight(space: Workspace[RelightTask]) -> None:
+    """Commits base colour, diffuse, specular [3, H, W] and shadow [1, H, W] of one frame under the new light."""
+    from yesnt.relight import ProxyScene
+    from yesnt.tasks import relight_inputs
+
+    job, frame, camera = space.job, space.frame, space.camera()
+    plate, seen = space.plate(frame), space.surface(frame, camera)
+    material, mesh = space.read(SOLVE, "material", frame), space.inputs.proxy()
+    settings = of.relight_settings(job.shot)
+    with space.kernel():
+        proxy = relight_inputs.proxy_scene(mesh, ProxyScene)
+        inputs = relight_inputs.RelightInputs(plate, seen, camera, frame, proxy)
+        lights = prepared_lights(LightFiles(job, frame, space.node.inputs), inputs.surface(material), settings)
+        relit = relight_inputs.relight(inputs, material, lights, settings)
+    space.commit(
+        frame,
+        {
+            "base_color": relit.base_color.transpose(2, 0, 1),
+            "diffuse": relit.diffuse.transpose(2, 0, 1),
+            "specular": relit.specular.transpose(2, 0, 1),
+            "shadow": relit.shadow[None],
+        },
+    )

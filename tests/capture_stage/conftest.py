@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from yesnt.capture_stage import develop
+from yesnt.capture_stage import passes
 from yesnt.capture_stage.cameras import look_at
-from yesnt.capture_stage.paint import Between, Layer, coat_to_json, fields_of
+from yesnt.capture_stage.material_layers import Between, Layer, fields_of, layers_to_json
 from yesnt.capture_stage.pose import turn
-from yesnt.capture_stage.skies import directions, write_map
+from yesnt.capture_stage.procedural_maps import directions, write_map
 from yesnt.capture_stage.tools import Tools, find_tools, run_blender
 from yesnt.core.camera import Camera
 from yesnt.core.errors import MissingPartError
@@ -36,7 +36,7 @@ class Scene:
 
     shapes: np.ndarray
     faces: np.ndarray
-    coat: tuple[Layer, ...]
+    layers: tuple[Layer, ...]
     poses: tuple[np.ndarray, ...]
     light: np.ndarray
     subdivision: int = 0
@@ -51,11 +51,11 @@ class Scene:
         """The one-sample passes through pixel centres and the antialiased ones."""
         rest = self.shapes[0]
         known = dict(zip("xyz", rest.T, strict=True))
-        fields = {f"field_{name}": known[name].astype(np.float32) for name in fields_of(self.coat)}
+        fields = {f"field_{name}": known[name].astype(np.float32) for name in fields_of(self.layers)}
         np.savez(work / "subject.npz", vertices=self.shapes, faces=self.faces, rest=rest.astype(np.float32), **fields)
         write_map(work / "light.exr", self.light)
         subject = {
-            "kind": "mesh", "archive": str(work / "subject.npz"), "coat": coat_to_json(self.coat),
+            "kind": "mesh", "archive": str(work / "subject.npz"), "layers": layers_to_json(self.layers),
             "subdivision": self.subdivision,
         }  # fmt: skip
         request = {
@@ -71,10 +71,10 @@ class Scene:
             ],
         }  # fmt: skip
         run_blender(tools, request, work)
-        return develop.read_passes(work / "points.exr"), develop.read_passes(work / "lit.exr")
+        return passes.read_passes(work / "points.exr"), passes.read_passes(work / "lit.exr")
 
 
-def octant_coat() -> tuple[Layer, ...]:
+def octant_layers() -> tuple[Layer, ...]:
     """Red, green and blue say on which side of x, y and z = 0 a point lies."""
     layers = []
     for x in (0, 1):
@@ -122,10 +122,10 @@ def sphere(radius: float, rings: int = 96, sectors: int = 192) -> tuple[np.ndarr
 @pytest.fixture
 def chrome_scene() -> Scene:
     vertices, faces = sphere(0.5)
-    coat = (Layer("chrome", (), "plain", ((1, 1, 1), (1, 1, 1)), 1, (0.0, 0.0), 1.0),)
+    layers = (Layer("chrome", (), "plain", ((1, 1, 1), (1, 1, 1)), 1, (0.0, 0.0), 1.0),)
     pose = look_at([1.1, -2.0, 0.7], [0.05, 0.0, 0.02])
     light = (2 + directions(256, 512)).astype(np.float32)  # radiance says where it comes from
-    return Scene(vertices[None].astype(np.float32), faces, coat, (pose, pose, pose), light, samples=64)
+    return Scene(vertices[None].astype(np.float32), faces, layers, (pose, pose, pose), light, samples=64)
 
 
 @pytest.fixture
@@ -136,4 +136,4 @@ def cube_scene() -> Scene:
     shapes = [vertices @ rotation.T + shift for rotation, shift in motions]
     poses = tuple(look_at([-0.9 + 0.05 * t, -1.7, 0.8], [0.0, 0.0, 0.02]) for t in range(4))
     light = np.ones((16, 32, 3), dtype=np.float32)
-    return Scene(np.stack(shapes).astype(np.float32), faces, octant_coat(), poses, light, samples=64)
+    return Scene(np.stack(shapes).astype(np.float32), faces, octant_layers(), poses, light, samples=64)

@@ -5,7 +5,7 @@ import pytest
 from scipy.ndimage import binary_erosion, map_coordinates
 from scipy.spatial import ConvexHull
 
-from yesnt.capture_stage import develop
+from yesnt.capture_stage import passes
 
 from .conftest import cube_motion
 
@@ -32,7 +32,7 @@ def test_a_chrome_ball_shows_the_map_where_our_mapping_says(tools, tmp_path, chr
     mirrored = rays - 2 * (rays * normal).sum(-1, keepdims=True) * normal
     seen = (
         _stack(lit, "Combined", "RGB") / np.maximum(_stack(lit, "base_color", "RGB"), 1e-3) - 2
-    )  # the coat is mottled
+    )  # roughness varies over the layer
     step = np.linalg.norm(np.gradient(mirrored, axis=1), axis=-1)  # radians that a pixel spans
     off = np.linalg.norm(seen - mirrored, axis=-1) / step
     inner = hit & ((-rays * normal).sum(-1) > 0.6)  # Fresnel adds nothing there
@@ -52,7 +52,7 @@ def test_z_and_normals_are_ours(tools, tmp_path, cube_scene):
     clear = (np.abs(rest) > 0.005).all(axis=1)
     assert clear.sum() > 500
     assert ((octant > 0.4) == (rest > 0))[clear].all()
-    normal = _stack(develop.geometry(points, lit), "N", "XYZ")[hit]
+    normal = _stack(passes.geometry(points, lit), "N", "XYZ")[hit]
     assert ((normal * camera.rays(1)[hit]).sum(axis=1) < 0).all()
 
 
@@ -79,7 +79,7 @@ def test_flow_is_where_the_point_goes(tools, tmp_path, cube_scene):
     rotation, shift = cube_motion(2)
     pixels = np.stack(np.nonzero(hit)[::-1], axis=-1) + 0.5
     expected = camera.project(rest @ rotation.T + shift, 2)[:, :2] - pixels
-    moved = _stack(develop.flow(points, lit), "forward", "uv")[hit]
+    moved = _stack(passes.flow(points, lit), "forward", "uv")[hit]
     assert np.abs(expected).max() > 2
     assert np.percentile(np.linalg.norm(moved - expected, axis=1), 99) < 0.05
 
@@ -90,7 +90,7 @@ def test_warping_the_next_frame_by_flow_gives_this_one(tools, tmp_path, cube_sce
     next_dir.mkdir()
     points, lit = cube_scene.render(tools, now_dir, frame=1)
     _, lit_next = cube_scene.render(tools, next_dir, frame=2)
-    moved = _stack(develop.flow(points, lit), "forward", "uv")
+    moved = _stack(passes.flow(points, lit), "forward", "uv")
     rows, columns = np.indices(moved.shape[:2])
     solid = binary_erosion(lit["Combined.A"] > 0.999, iterations=4)
     this, following = (_stack(passes, "base_color", "RGB") for passes in (lit, lit_next))

@@ -90,7 +90,7 @@ def test_the_sun_throws_a_shadow_to_its_far_side(frames, camera):
     alpha = read_image(SHOT / f"plate.{frame}.exr").channels["A"] > 0.999
     normal = read_image(SHOT / f"gbuffer.{frame}.exr").stack(["N.X", "N.Y", "N.Z"])
     sky = read_image(SHOT / "env" / "sky.exr").stack("RGB").sum(axis=-1)
-    from yesnt.capture_stage.skies import directions
+    from yesnt.capture_stage.procedural_maps import directions
 
     sun = directions(*sky.shape)[np.unravel_index(sky.argmax(), sky.shape)]
     toward = (normal @ sun)[alpha]

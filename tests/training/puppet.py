@@ -1,4 +1,4 @@
-"""A body of tubes with the bones that wardrobe and poses name: the parametric human's stand-in."""
+"""A body of tubes with the bones that costumes and poses name: the parametric human's stand-in."""
 
 import numpy as np
 

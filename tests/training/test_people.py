@@ -60,7 +60,7 @@ def test_everybody_has_skin_and_every_garment_a_material():
 
 def test_no_garment_of_the_stage_is_drawn():
     """Regions are drawn from intervals: only those that the body determines equal a region of a measured subject."""
-    measured = {layer.where for coat in (athlete, courtier, explorer, performer) for layer in coat() if layer.where}
+    measured = {layer.where for make in (athlete, courtier, explorer, performer) for layer in make() if layer.where}
     drawn = [layer for seed in range(200) for layer in draw_garments(np.random.default_rng(seed)).layers]
     assert {layer.name for layer in drawn if layer.where in measured} <= {"lips", "eyes", "collar", "toe caps"}
 

@@ -1,4 +1,4 @@
-"""The virtual capture stage: subjects whose true materials, motion and relit pictures are known (issue 3).
+"""The virtual capture stage: subjects rendered in Blender with true materials, motion and relit images.
 
 Host side only. `inside_blender` and `inside_anny` hold scripts for other Pythons, started as subprocesses.
 """

@@ -1,4 +1,4 @@
-"""Everything that the stage fetches: origin, version, licence and digest of each file (the manifest), and how."""
+"""Files that the capture stage fetches: origin, version, licence and digest of each file (the manifest), and how."""
 
 from __future__ import annotations
 

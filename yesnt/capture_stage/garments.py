@@ -1,8 +1,8 @@
-"""What the humans of the stage wear."""
+"""Costumes of the humans: skin and garments as material layers, the outermost last."""
 
 from __future__ import annotations
 
-from yesnt.capture_stage.paint import Between, Coat, Color, Layer
+from yesnt.capture_stage.material_layers import Between, Color, Layer, Layers
 
 FRONT = 10.0  # metres: "anything in front of"
 _TRUNK = Between("arms", high=0.5)
@@ -19,7 +19,7 @@ def _skin(tone: Color, deep: Color) -> tuple[Layer, ...]:
     )  # fmt: skip
 
 
-def explorer() -> Coat:
+def explorer() -> Layers:
     """The embedded shot: checked shirt, ribbed trousers, boots, plates of metal, a rubber band."""
     return (
         *_skin((0.50, 0.29, 0.20), (0.38, 0.19, 0.12)),
@@ -50,7 +50,7 @@ def explorer() -> Coat:
     )  # fmt: skip
 
 
-def athlete() -> Coat:
+def athlete() -> Layers:
     """The boxer: much bare skin, satin shorts, leather gloves and boots, a steel belt plate."""
     return (
         *_skin((0.30, 0.15, 0.09), (0.20, 0.09, 0.055)),
@@ -72,7 +72,7 @@ def athlete() -> Coat:
     )  # fmt: skip
 
 
-def performer() -> Coat:
+def performer() -> Layers:
     """The dancer: a sequinned bodice, metallic leggings, one long glove, soft shoes."""
     return (
         *_skin((0.62, 0.40, 0.30), (0.50, 0.28, 0.20)),
@@ -95,7 +95,7 @@ def performer() -> Coat:
     )  # fmt: skip
 
 
-def courtier() -> Coat:
+def courtier() -> Layers:
     """The elder: a quilted coat, leather trousers, a chain over the shoulders, boots with metal caps."""
     return (
         *_skin((0.55, 0.34, 0.25), (0.44, 0.23, 0.16)),

@@ -1,4 +1,4 @@
-"""Strands of hair on a posed head, for the measure of what a relighting without hair gets wrong."""
+"""Strands of hair on a posed head, to measure the error of relighting that does not model hair."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def grow(
         vertices: [V, 3] of the posed body.
         faces: [F, 4] quads.
         normals: [V, 3] unit, of the posed body.
-        fields: places on the body (`wardrobe.body_fields`): `head` and `scalp`.
+        fields: places on the body (`costume.body_fields`): `head` and `scalp`.
         count: strands.
     """
     rng = np.random.Generator(np.random.Philox(key=[0, 11]))

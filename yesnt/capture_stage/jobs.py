@@ -1,4 +1,4 @@
-"""The stage's work as a list of idempotent render jobs."""
+"""Render jobs of the capture stage: frozen, idempotent, keyed by everything that decides their pixels."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from yesnt.capture_stage.cameras import Matrix, look_at
 from yesnt.capture_stage.subjects import SUBJECTS, describe
 from yesnt.core.errors import UsageError
 
-STAGE_VERSION = 1
+CAPTURE_STAGE_VERSION = 1
 """Raised when the code renders something else for the same description; enters every key."""
 
 FRAMES_PER_SECOND = 24
@@ -49,7 +49,7 @@ class CameraPath:
 
 
 @dataclass(frozen=True)
-class StageSet:
+class CaptureSet:
     """A family of shots that share lights, size and camera path.
 
     Attributes:
@@ -64,7 +64,7 @@ class StageSet:
         samples: of Cycles, before denoising.
         field: focal length over picture height.
         completes: the set whose shots get Cycles' pictures of their proxy mesh from this one.
-        bounces: numbers of bounces that the truth is also rendered with; variants of a subject go without.
+        bounces: numbers of bounces that the truth is also rendered with; not for variants of a subject.
     """
 
     subjects: tuple[str, ...]
@@ -87,23 +87,23 @@ _OBJECTS = (
     "fox_still", "controller_vive",
 )  # fmt: skip
 
-SETS: Mapping[str, StageSet] = MappingProxyType({
-    "embedded": StageSet(("walk",), (1001, 1016), (CAPTURE, "sky", "studio"), 256, 384, CameraPath(-6, 0.6, 6), 4,
+SETS: Mapping[str, CaptureSet] = MappingProxyType({
+    "embedded": CaptureSet(("walk",), (1001, 1016), (CAPTURE, "sky", "studio"), 256, 384, CameraPath(-6, 0.6, 6), 4,
                          samples=64),
-    "objects": StageSet(_OBJECTS, (1001, 1001), (CAPTURE, *_BLENDER_MAPS, *_NPM_MAPS), 256, 256,
+    "objects": CaptureSet(_OBJECTS, (1001, 1001), (CAPTURE, *_BLENDER_MAPS, *_NPM_MAPS), 256, 256,
                         CameraPath(18, 0, 16), 1),
-    "reference": StageSet(_OBJECTS, (1001, 1001), (*_BLENDER_MAPS, *_NPM_MAPS), 256, 256, CameraPath(18, 0, 16), 1,
+    "reference": CaptureSet(_OBJECTS, (1001, 1001), (*_BLENDER_MAPS, *_NPM_MAPS), 256, 256, CameraPath(18, 0, 16), 1,
                           completes="objects"),
-    "sequences": StageSet(_ANIMATED, (1001, 1024), (CAPTURE, "city", "courtyard", "photo_studio"), 256, 384,
+    "sequences": CaptureSet(_ANIMATED, (1001, 1024), (CAPTURE, "city", "courtyard", "photo_studio"), 256, 384,
                           CameraPath(10, -0.5, 6), 6, samples=128),  # of 32, noise alone kept PSNR below 35 to 40 dB
-    "multiview": StageSet(_ANIMATED, (1001, 1024), (CAPTURE,), 256, 384, CameraPath(0, 15, 2, 24), 12, moving=False),
-    "heldout": StageSet(_ANIMATED, (1001, 1006), (CAPTURE,), 256, 384, CameraPath(22.5, 60, 12), 6, moving=False),
-    "remains": StageSet(("knot", "drape", "bust", "bust+skin", "bust+hair"), (1001, 1001), (CAPTURE, "city", "sunset"),
-                        192, 192, CameraPath(18, 0, 16), 1, bounces=(0, 1, 2)),
+    "multiview": CaptureSet(_ANIMATED, (1001, 1024), (CAPTURE,), 256, 384, CameraPath(0, 15, 2, 24), 12, moving=False),
+    "heldout": CaptureSet(_ANIMATED, (1001, 1006), (CAPTURE,), 256, 384, CameraPath(22.5, 60, 12), 6, moving=False),
+    "unmodelled": CaptureSet(("knot", "drape", "bust", "bust+skin", "bust+hair"), (1001, 1001),
+                             (CAPTURE, "city", "sunset"), 192, 192, CameraPath(18, 0, 16), 1, bounces=(0, 1, 2)),
 })  # fmt: skip
 """Every set by name. `heldout` are views of the `multiview` subjects from elsewhere, for the Gaussian stage;
-`reference` needs `objects` and adds the proxy mesh, coloured by the plate, as Cycles relights it. `remains` holds what
-the product does not model: SUBJECT+EFFECT is SUBJECT with that effect, and bounces are counted."""
+`reference` needs `objects` and adds the proxy mesh, coloured by the plate, as Cycles relights it. `unmodelled` measures
+effects that relighting does not model: SUBJECT+EFFECT is SUBJECT with that effect, and paths also end early."""
 
 _SMALL = ("vase", "knot")
 """The subset that tests render; it needs nothing fetched but Blender itself."""
@@ -137,7 +137,7 @@ class RenderJob:
         """Digest of everything that decides the pixels."""
         stage_set = SETS[self.set_name]
         document: dict[str, Any] = {
-            "version": STAGE_VERSION, "job": asdict(self), "subject": describe(self.subject),
+            "version": CAPTURE_STAGE_VERSION, "job": asdict(self), "subject": describe(self.subject),
             "path": asdict(stage_set.path), "field": stage_set.field, "moving": stage_set.moving,
         }  # fmt: skip
         if self.bounces:
@@ -199,7 +199,7 @@ def stage_jobs(set_name: str, small: bool = False) -> tuple[RenderJob, ...]:
     )
 
 
-def _shrunk(set_name: str) -> StageSet:
+def _shrunk(set_name: str) -> CaptureSet:
     stage_set = SETS[set_name]
     if "objects" in (set_name, stage_set.completes):
         lights = _SMALL_LIGHTS[1:] if stage_set.completes else _SMALL_LIGHTS

@@ -1,4 +1,4 @@
-"""Light of the stage by name: own maps, those inside Blender, fetched ones; clamped, 512x256."""
+"""Environment maps of the capture stage by name: procedural ones, Blender's own, fetched ones; 512x256."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.capture_stage.assets import MANIFEST, fetch
-from yesnt.capture_stage.skies import OWN_MAPS, reduce_by_two, write_map
+from yesnt.capture_stage.procedural_maps import OWN_MAPS, reduce_by_two, write_map
 from yesnt.capture_stage.tools import Tools, blender_maps
 from yesnt.core.errors import UsageError
 from yesnt.io.durable import durable_path

@@ -1,4 +1,4 @@
-"""How the humans of the stage move: a body and a moment in seconds give a pose."""
+"""Motions of the humans: a body and a time in seconds give a pose."""
 
 from __future__ import annotations
 

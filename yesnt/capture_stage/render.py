@@ -1,4 +1,4 @@
-"""Runs a render job: Blender as a subprocess, then the pictures of a shot in the contract's form."""
+"""Runs a render job: Blender as a subprocess, then the images of a shot in the form of contract.md."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from yesnt.capture_stage import develop
+from yesnt.capture_stage import passes
 from yesnt.capture_stage.jobs import CAPTURE, SETS, RenderJob
 from yesnt.capture_stage.maps import map_path
 from yesnt.capture_stage.reference import projected
@@ -87,7 +87,7 @@ def render(job: RenderJob, out_dir: Path, tools: Tools) -> Receipt:
     missing = [item for item in _renders(job, raw, tools) if not _is_whole(Path(item["out"]))]
     if missing:
         run_blender(tools, _request(job, missing, raw, tools), raw)
-    files = [name for frame in job.frames for name in _develop(job, frame, raw, folder)]
+    files = [name for frame in job.frames for name in _write_frame(job, frame, raw, folder)]
     if SETS[job.set_name].completes is None:
         files += write_static_files(job, folder, tools)
     digests = {name: _digest(folder / name) for name in sorted(files)}
@@ -143,7 +143,7 @@ def _is_whole(path: Path) -> bool:
     if not path.exists():
         return False
     try:
-        return path.suffix != ".exr" or bool(develop.read_passes(path))
+        return path.suffix != ".exr" or bool(passes.read_passes(path))
     except CorruptError:
         return False
 
@@ -167,23 +167,23 @@ def _request(job: RenderJob, renders: list[dict[str, Any]], raw: Path, tools: To
     }  # fmt: skip
 
 
-def _develop(job: RenderJob, frame: int, raw: Path, folder: Path) -> list[str]:
+def _write_frame(job: RenderJob, frame: int, raw: Path, folder: Path) -> list[str]:
     """Writes one frame's files; returns their names."""
     made: dict[str, dict[str, Any]] = {}
     kind = "proxy" if SETS[job.set_name].completes else "relit"
     for light in job.lights:
-        lit = develop.read_passes(raw / f"{light}.{frame}.exr")
+        lit = passes.read_passes(raw / f"{light}.{frame}.exr")
         if light != CAPTURE:
-            made[f"truth/{kind}_{light}.{frame}.exr"] = develop.picture(lit)
+            made[f"truth/{kind}_{light}.{frame}.exr"] = passes.picture(lit)
             continue
-        points = develop.read_passes(raw / f"geometry.{frame}.exr")
-        made[f"plate.{frame}.exr"] = develop.picture(lit)
-        made[f"gbuffer.{frame}.exr"] = develop.geometry(points, lit)
-        made[f"truth/material.{frame}.exr"] = develop.materials(lit)
+        points = passes.read_passes(raw / f"geometry.{frame}.exr")
+        made[f"plate.{frame}.exr"] = passes.picture(lit)
+        made[f"gbuffer.{frame}.exr"] = passes.geometry(points, lit)
+        made[f"truth/material.{frame}.exr"] = passes.materials(lit)
         if SETS[job.set_name].moving:
-            made[f"truth/flow.{frame}.exr"] = develop.flow(points, lit)
+            made[f"truth/flow.{frame}.exr"] = passes.flow(points, lit)
     for name in (_limited(n, bounces) for n in job.lights if n != CAPTURE for bounces in job.bounces):
-        made[f"truth/{name}.{frame}.exr"] = develop.picture(develop.read_passes(raw / f"{name}.{frame}.exr"))
+        made[f"truth/{name}.{frame}.exr"] = passes.picture(passes.read_passes(raw / f"{name}.{frame}.exr"))
     for name, channels in made.items():
         write_exr(folder / name, channels)
     if CAPTURE not in job.lights:

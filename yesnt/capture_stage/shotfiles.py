@@ -1,4 +1,4 @@
-"""What a shot of the stage has beside its pictures: folder, camera, lights, shot.yaml."""
+"""Files of a rendered shot other than its images: camera, environment maps, shot.yaml."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who stands on the stage: humans, painted shapes and fetched models, each turned into plain data for Blender."""
+"""Subjects of the capture stage: humans, painted shapes and fetched models, each as plain data for Blender."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from yesnt.capture_stage import garments, hair, motions, shape_coats, shapes, wardrobe
+from yesnt.capture_stage import costume, garments, hair, motions, shape_materials, shapes
 from yesnt.capture_stage.assets import fetch
-from yesnt.capture_stage.paint import Coat, coat_to_json, fields_of, vertex_normals
+from yesnt.capture_stage.material_layers import Layers, fields_of, layers_to_json, vertex_normals
 from yesnt.capture_stage.pose import Body, skin
 from yesnt.capture_stage.tools import Tools, run_anny
 from yesnt.io.durable import durable_path
@@ -26,49 +26,49 @@ class Human:
 
     Attributes:
         phenotype: anny's shape numbers, each 0..1.
-        coat: name of a function of `outfits`.
+        costume: name of a function of `garments`.
         motion: name of a function of `motions`.
         height: metres that the camera's picture shows from top to bottom.
         middle: height of the picture's middle above the ground, metres.
     """
 
     phenotype: tuple[tuple[str, float], ...]
-    coat: str
+    costume: str
     motion: str
     height: float = 2.1
     middle: float = 0.93
 
-    def coat_layers(self) -> Coat:
-        """What it wears."""
-        layers: Coat = getattr(garments, self.coat)()
+    def material_layers(self) -> Layers:
+        """Skin and garments, the outermost last."""
+        layers: Layers = getattr(garments, self.costume)()
         return layers
 
 
 @dataclass(frozen=True)
 class Variant(Human):
-    """A person with something that the product does not model.
+    """A person with an effect that relighting does not model.
 
     Attributes:
-        flesh: share of the skin's light that travels below it.
-        strands: hairs on the head.
+        subsurface: weight of subsurface scattering in bare skin, 0 to 1.
+        strands: number of hairs on the head.
     """
 
-    flesh: float = 0.0
+    subsurface: float = 0.0
     strands: int = 0
 
 
 @dataclass(frozen=True)
 class Shape:
-    """A surface of `shapes`, painted with a coat of `coats_for_shapes`."""
+    """A surface of `shapes` with the material layers of a function of `shape_materials`."""
 
     build: str
-    coat: str
+    material: str
     height: float = 1.25
     middle: float = 0.5
 
-    def coat_layers(self) -> Coat:
-        """What it is painted with."""
-        layers: Coat = getattr(shape_coats, self.coat)()
+    def material_layers(self) -> Layers:
+        """Its materials, the outermost last."""
+        layers: Layers = getattr(shape_materials, self.material)()
         return layers
 
 
@@ -117,7 +117,7 @@ SUBJECTS: Mapping[str, Subject] = MappingProxyType({
     "fox_still": Model("fox", 1.2, (0.0, 0.0, -0.7), "Survey", (0.6, 1.0), True, height=1.25, middle=0.36),
     "athlete": Human(_BOXER, "athlete", "guard", height=2.35, middle=0.98),
     "bust": Human(_BOXER, "athlete", "guard", height=0.85, middle=1.5),
-    "bust+skin": Variant(_BOXER, "athlete", "guard", height=0.85, middle=1.5, flesh=1.0),
+    "bust+skin": Variant(_BOXER, "athlete", "guard", height=0.85, middle=1.5, subsurface=1.0),
     "bust+hair": Variant(_BOXER, "athlete", "guard", height=0.85, middle=1.5, strands=9000),
     "courtier": Human(_ELDER, "courtier", "greet", height=2.2),
     "controller_touch": Model("oculus-touch", 1.3, (0.6, 0.0, 0.7)),
@@ -131,17 +131,29 @@ SUBJECTS: Mapping[str, Subject] = MappingProxyType({
 """Every subject by name; `walk` is the embedded shot and stands in no set that is evaluated."""
 
 
+_KEY_NAMES = {"costume": "coat", "material": "coat", "subsurface": "flesh"}
+"""Names of fields in the keys of render jobs: pictures that were rendered before the fields were renamed stay valid."""
+
+
 def describe(name: str) -> dict[str, Any]:
-    """Everything that decides what a subject looks like, for keys."""
+    """Everything that decides what a subject looks like, as plain data for the keys of render jobs."""
     subject = SUBJECTS[name]
-    out: dict[str, Any] = {"kind": type(subject).__name__, **subject.__dict__}
+    fields = {_KEY_NAMES.get(field, field): value for field, value in subject.__dict__.items()}
+    out: dict[str, Any] = {"kind": type(subject).__name__, **fields}
     if not isinstance(subject, Model):
-        out["layers"] = coat_to_json(subject.coat_layers())
+        out["layers"] = layers_to_json(subject.material_layers())
     return out
 
 
 def prepare(name: str, seconds: Sequence[float], tools: Tools, work: Path) -> dict[str, Any]:
-    """Fetches or builds a subject for the moments asked; returns what `inside_blender/subjects.py` reads."""
+    """Fetches or builds a subject; returns the description that `inside_blender/subjects.py` reads.
+
+    Args:
+        name: key of `SUBJECTS`.
+        seconds: moments of the motion, one mesh each.
+        tools: anny, and the cache of fetched files.
+        work: folder for the arrays that Blender reads.
+    """
     subject = SUBJECTS[name]
     if isinstance(subject, Model):
         path = fetch(subject.asset, Path(tools.cache))
@@ -150,38 +162,38 @@ def prepare(name: str, seconds: Sequence[float], tools: Tools, work: Path) -> di
             "action": subject.action, "roughness": subject.roughness, "smooth": subject.smooth,
             "hang": None if subject.action else subject.middle,
         }  # fmt: skip
-    coat = subject.coat_layers()
+    layers = subject.material_layers()
     archive = work / "subject.npz"
     if isinstance(subject, Human):
-        arrays = _human_arrays(subject, coat, seconds, tools, work)
+        arrays = _human_arrays(subject, layers, seconds, tools, work)
     else:
-        arrays = _shape_arrays(subject, coat)
+        arrays = _shape_arrays(subject, layers)
     with durable_path(archive) as temporary, temporary.open("wb") as stream:
         np.savez(stream, **arrays)
-    made = {"kind": "mesh", "archive": str(archive), "coat": coat_to_json(coat), "subdivision": 1}
-    return {**made, "flesh": subject.flesh} if isinstance(subject, Variant) else made
+    made = {"kind": "mesh", "archive": str(archive), "layers": layers_to_json(layers), "subdivision": 1}
+    return {**made, "subsurface": subject.subsurface} if isinstance(subject, Variant) else made
 
 
-def _human_arrays(human: Human, coat: Coat, seconds: Sequence[float], tools: Tools, work: Path) -> dict[str, Any]:
+def _human_arrays(human: Human, layers: Layers, seconds: Sequence[float], tools: Tools, work: Path) -> dict[str, Any]:
     body = Body.open(_rest_body(human, tools, work))
-    dressed = wardrobe.dress(body, coat)
+    dressed = costume.dress(body, layers)
     motion: motions.Motion = getattr(motions, human.motion)
     posed = np.stack([skin(body, motion(body, moment), dressed.vertices) for moment in seconds])
-    arrays = _arrays(posed, body.faces, dressed.fields, coat)
+    arrays = _arrays(posed, body.faces, dressed.fields, layers)
     if isinstance(human, Variant) and human.strands:
         normals = vertex_normals(posed[0], body.faces)
         arrays["strands"] = hair.grow(posed[0], body.faces, normals, dressed.fields, human.strands)
     return arrays
 
 
-def _shape_arrays(shape: Shape, coat: Coat) -> dict[str, Any]:
+def _shape_arrays(shape: Shape, layers: Layers) -> dict[str, Any]:
     vertices, faces, fields = getattr(shapes, shape.build)()
-    return _arrays(vertices[None], faces, fields, coat)
+    return _arrays(vertices[None], faces, fields, layers)
 
 
-def _arrays(posed: Any, faces: Any, fields: Mapping[str, Any], coat: Coat) -> dict[str, Any]:
+def _arrays(posed: Any, faces: Any, fields: Mapping[str, Any], layers: Layers) -> dict[str, Any]:
     rest = np.stack([fields[axis] for axis in "xyz"], axis=-1).astype(np.float32)
-    asked = {f"field_{name}": fields[name].astype(np.float32) for name in fields_of(coat)}
+    asked = {f"field_{name}": fields[name].astype(np.float32) for name in fields_of(layers)}
     return {"vertices": posed.astype(np.float32), "faces": faces, "rest": rest, **asked}
 
 

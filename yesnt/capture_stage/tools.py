@@ -1,4 +1,4 @@
-"""The other Pythons of the stage: Blender and anny, found and started."""
+"""Finds and runs Blender and anny, which have Python environments of their own."""
 
 from __future__ import annotations
 

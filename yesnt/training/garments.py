@@ -1,6 +1,6 @@
 """Random garments of the synthetic people: regions of the body, each painted with a material of a likely class.
 
-Regions are intervals of the fields of `yesnt.capture_stage.wardrobe`. No garment equals one of the subjects of the
+Regions are intervals of the fields of `yesnt.capture_stage.costume`. No garment equals one of the subjects of the
 capture stage, on which the model is evaluated.
 """
 
@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.capture_stage.paint import Between, Coat, Layer
+from yesnt.capture_stage.material_layers import Between, Layer, Layers
 from yesnt.training.synthetic.materials import DEFAULT_STYLE, MATERIAL, MaterialStyle, draw_class, paint
 
 Classes = tuple[str, ...]
@@ -55,7 +55,7 @@ class Garments:
 
         Args:
             name: name of the garment.
-            where: intervals of the wardrobe's fields that bound the region.
+            where: intervals of the costume's fields that bound the region.
             material: `MATERIAL` record.
             thick: thickness in metres.
             soft: width of the edge in metres.
@@ -74,8 +74,8 @@ class Garments:
         """Returns True with the given probability."""
         return bool(self.rng.random() < probability)
 
-    def frozen_layers(self) -> Coat:
-        """Returns the garments in the form that the wardrobe of the capture stage takes."""
+    def frozen_layers(self) -> Layers:
+        """Returns the garments in the form that `yesnt.capture_stage.costume` takes."""
         return tuple(self.layers)
 
     def materials(self) -> NDArray[np.void]:

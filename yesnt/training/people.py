@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.capture_stage.cameras import look_at
-from yesnt.capture_stage.paint import vertex_normals
+from yesnt.capture_stage.costume import Dressed, dress
+from yesnt.capture_stage.material_layers import vertex_normals
 from yesnt.capture_stage.pose import Body, skin
-from yesnt.capture_stage.wardrobe import Dressed, dress
 from yesnt.core.camera import Camera
 from yesnt.training.bodies import draw_pose
 from yesnt.training.garments import Garments, draw_garments
@@ -27,7 +27,7 @@ HEIGHT, WIDTH = 320, 224
 """Rows and columns of an image."""
 
 _REST_HEIGHT = 1.78
-"""Height in metres of the rest pose in which the fields of the wardrobe are measured."""
+"""Height in metres of the rest pose in which the fields of the costume are measured."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Person:
 
     Attributes:
         body: body without garments.
-        dressed: vertices with the thickness of the garments, and fields of the wardrobe.
+        dressed: vertices with the thickness of the garments, and fields of the costume.
         garments: garments and their materials.
     """
 

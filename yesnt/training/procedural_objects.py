@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.capture_stage.cameras import look_at
-from yesnt.capture_stage.paint import vertex_normals
+from yesnt.capture_stage.material_layers import vertex_normals
 from yesnt.core.camera import Camera
 from yesnt.training.solids import SOLIDS, Builder, Solid, device, drapery, tube, vessel
 from yesnt.training.subject_render import Subject, View, render_subject

@@ -13,8 +13,15 @@ from yesnt.relight import EnvMap, GBuffer, RelightSettings, shade
 
 SIDE = 40
 FRAMES = (1001, 1002)
-RELIGHT = {"texels": 128, "capture_texels": 64, "clusters": 16, "capture_clusters": 16, "bounce": 0, "pixel_filter": 0.0}
-"""The truth, too, is light at pixel centres."""
+RELIGHT = {
+    "texels": 128,
+    "capture_texels": 64,
+    "clusters": 16,
+    "capture_clusters": 16,
+    "bounce": 0,
+    "pixel_filter": 0.0,
+}
+"""The truth is rendered at pixel centres too."""
 
 LOOK_ALONG_Y = [
     [1, 0, 0, 0],

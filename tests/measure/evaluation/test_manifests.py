@@ -14,7 +14,7 @@ from yesnt.training.bodies import BODIES, draw_phenotype
 
 PACKAGE = Path(yesnt.__file__).parent
 TRAINING = sorted((PACKAGE / "training").rglob("*.py"))
-SHARED_WITH_THE_STAGE = {"cameras", "paint", "pose", "tools", "wardrobe"}
+SHARED_WITH_THE_STAGE = {"cameras", "material_layers", "pose", "tools", "costume"}
 """How a body is bent and dressed, with no body, garment, motion, map or camera path of the sets among it."""
 
 READERS = {"imread", "read_image", "read_exr", "read_text", "read_bytes", "fromfile", "urlopen", "fetch"}

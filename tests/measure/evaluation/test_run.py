@@ -218,7 +218,7 @@ def test_what_remains_is_read_from_truths_that_end_early_and_from_variants(shot,
 def test_another_page_shows_what_was_measured_beside_it(tmp_path):
     from yesnt.measure.evaluation.run import measured_elsewhere
 
-    (tmp_path / "remains").mkdir()
-    (tmp_path / "remains" / "evaluation.json").write_text(json.dumps({"remains": [{"effect": "hair"}]}))
+    (tmp_path / "unmodelled").mkdir()
+    (tmp_path / "unmodelled" / "evaluation.json").write_text(json.dumps({"remains": [{"effect": "hair"}]}))
     assert measured_elsewhere(tmp_path / "objects") == {"remains": [{"effect": "hair"}]}
     assert measured_elsewhere(tmp_path / "elsewhere" / "objects") == {}

@@ -15,17 +15,17 @@ from typing import Any
 import bpy
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
-import coats  # type: ignore[import-not-found]
+import materials  # type: ignore[import-not-found]
 import subjects  # type: ignore[import-not-found]
 from mathutils import Matrix
 
-_FILM_FILTER_WIDTH = 1.5  # pixels: Cycles' own default, an antialiased picture
+_PIXEL_FILTER_WIDTH = 1.5  # pixels: Cycles' own default, an antialiased picture
 _POINT_FILTER_WIDTH = 0.01  # pixels: geometry is read at pixel centres
 _OPENCV_TO_BLENDER = Matrix.Diagonal((1.0, -1.0, -1.0, 1.0))
 
 
 def main() -> None:
-    """Reads the request, builds the scene once, renders what is asked, one JSON line of progress a picture."""
+    """Reads the request, builds the scene once, renders the images; writes one JSON line of progress per image."""
     request = json.loads(Path(sys.argv[-1]).read_text())
     bpy.ops.wm.read_factory_settings(use_empty=True)
     _scene(request)
@@ -56,7 +56,7 @@ def _scene(request: dict[str, Any]) -> None:
     cycles.sample_clamp_direct = cycles.sample_clamp_indirect = cycles.blur_glossy = 0.0  # truth is not clamped
     layer = scene.view_layers[0]
     layer.use_pass_z = layer.use_pass_normal = layer.use_pass_vector = True
-    for name, kind in coats.AOVS:
+    for name, kind in materials.AOVS:
         aov = layer.aovs.add()
         aov.name, aov.type = name, kind
     scene.world = bpy.data.worlds.new("light")
@@ -115,7 +115,7 @@ def _render(out: str, samples: int, filter_width: float, denoise: bool) -> None:
 def _render_light(render: dict[str, Any], request: dict[str, Any], meshes: list[Any]) -> None:
     _light(render["env"])
     _bounces(render.get("bounces"))
-    _render(render["out"], request["samples"], _FILM_FILTER_WIDTH, request["samples"] > 1)
+    _render(render["out"], request["samples"], _PIXEL_FILTER_WIDTH, request["samples"] > 1)
 
 
 def _render_geometry(render: dict[str, Any], request: dict[str, Any], meshes: list[Any]) -> None:

@@ -7,10 +7,10 @@ from typing import Any
 
 import bmesh  # type: ignore[import-not-found]
 import bpy
-import coats  # type: ignore[import-not-found]
+import materials  # type: ignore[import-not-found]
 import numpy as np
 
-_HAIR_RADIUS = 0.0004  # metres: thicker than a hair, since there are fewer
+_HAIR_RADIUS = 0.0004  # metres: thicker than real hair, since there are fewer strands
 
 
 def add_subject(subject: dict[str, Any], frames: list[dict[str, Any]]) -> list[Any]:
@@ -45,27 +45,27 @@ def _add_archive(subject: dict[str, Any], frames: list[dict[str, Any]]) -> list[
     _attribute(mesh, "rest", "FLOAT_VECTOR", "vector", rest)
     for name, values in fields.items():
         _attribute(mesh, f"field_{name}", "FLOAT", "value", values)
-    mesh.materials.append(coats.coat_material(subject["coat"], subject.get("flesh", 0.0)))
-    thing = bpy.data.objects.new("subject", mesh)
-    bpy.context.scene.collection.objects.link(thing)
+    mesh.materials.append(materials.layered_material(subject["layers"], subject.get("subsurface", 0.0)))
+    obj = bpy.data.objects.new("subject", mesh)
+    bpy.context.scene.collection.objects.link(obj)
     if len(shapes) > 1:
-        _animate(thing, shapes, frames)
+        _animate(obj, shapes, frames)
     if subject["subdivision"]:
-        smooth = thing.modifiers.new("smooth", "SUBSURF")
+        smooth = obj.modifiers.new("smooth", "SUBSURF")
         smooth.levels = smooth.render_levels = subject["subdivision"]
     if strands is not None:
         _add_hair(strands)
-    return [thing]
+    return [obj]
 
 
 def _add_hair(strands: Any) -> None:
-    """Curves [N, K, 3] in world metres; they are no part of the proxy."""
+    """Adds curves [N, K, 3] in world metres; the proxy does not contain them."""
     curves = bpy.data.hair_curves.new("hair")
     curves.add_curves([strands.shape[1]] * len(strands))
     curves.attributes["position"].data.foreach_set("vector", np.ascontiguousarray(strands, np.float32).ravel())
     radius = curves.attributes.get("radius") or curves.attributes.new("radius", "FLOAT", "POINT")
     radius.data.foreach_set("value", np.full(strands.shape[0] * strands.shape[1], _HAIR_RADIUS, np.float32))
-    curves.materials.append(coats.hair_material())
+    curves.materials.append(materials.hair_material())
     bpy.context.scene.collection.objects.link(bpy.data.objects.new("hair", curves))
 
 
@@ -74,75 +74,75 @@ def _attribute(mesh: Any, name: str, kind: str, slot: str, values: Any) -> None:
     made.data.foreach_set(slot, np.ascontiguousarray(values, dtype=np.float32).ravel())
 
 
-def _animate(thing: Any, shapes: Any, frames: list[dict[str, Any]]) -> None:
+def _animate(obj: Any, shapes: Any, frames: list[dict[str, Any]]) -> None:
     """One shape key a frame, at 1 on its frame and 0 on its neighbours."""
-    thing.shape_key_add(name="Basis", from_mix=False)
+    obj.shape_key_add(name="Basis", from_mix=False)
     for frame in frames:
-        key = thing.shape_key_add(name=str(frame["frame"]), from_mix=False)
+        key = obj.shape_key_add(name=str(frame["frame"]), from_mix=False)
         key.points.foreach_set("co", np.ascontiguousarray(shapes[frame["shape"]], dtype=np.float32).ravel())
         for offset, value in ((-1, 0.0), (1, 0.0), (0, 1.0)):
             key.value = value
             key.keyframe_insert("value", frame=frame["frame"] + offset)
-    linear(thing.data.shape_keys)
+    linear(obj.data.shape_keys)
 
 
 def _add_projected(subject: dict[str, Any], frames: list[dict[str, Any]]) -> list[Any]:
     """A mesh in world space, coloured by a picture that is projected from the camera."""
     bpy.ops.wm.ply_import(filepath=subject["mesh"], forward_axis="Y", up_axis="Z")
-    thing = bpy.context.selected_objects[0]
-    thing.data.shade_smooth()
-    thing.data.materials.clear()
-    thing.data.materials.append(coats.projected_material(subject["image"], subject["roughness"]))
-    return [thing]
+    obj = bpy.context.selected_objects[0]
+    obj.data.shade_smooth()
+    obj.data.materials.clear()
+    obj.data.materials.append(materials.projected_material(subject["image"], subject["roughness"]))
+    return [obj]
 
 
 def _add_gltf(subject: dict[str, Any], frames: list[dict[str, Any]]) -> list[Any]:
     before = set(bpy.data.objects)
     bpy.ops.import_scene.gltf(filepath=subject["path"])
-    made = [thing for thing in bpy.data.objects if thing not in before]
-    meshes = [thing for thing in made if thing.type == "MESH" and not _is_helper(thing)]
-    for thing in made:
-        if thing.type == "MESH" and thing not in meshes:
-            bpy.data.objects.remove(thing)
+    made = [obj for obj in bpy.data.objects if obj not in before]
+    meshes = [obj for obj in made if obj.type == "MESH" and not _is_helper(obj)]
+    for obj in made:
+        if obj.type == "MESH" and obj not in meshes:
+            bpy.data.objects.remove(obj)
     for material in bpy.data.materials:
         _prepare_material(material, subject["roughness"])
     if subject["smooth"]:
-        for thing in meshes:
-            _smooth(thing)
+        for obj in meshes:
+            _smooth(obj)
     _choose_action(subject)
     _place(meshes, subject, subject["start"])
     return meshes
 
 
-def _is_helper(thing: Any) -> bool:
+def _is_helper(obj: Any) -> bool:
     """The importer's bone shapes are meshes too; they carry no material."""
-    return not thing.data.materials
+    return not obj.data.materials
 
 
 def _prepare_material(material: Any, roughness: list[float] | None) -> None:
     shaders = [n for n in material.node_tree.nodes if n.type == "BSDF_PRINCIPLED"] if material.node_tree else []
     for shader in shaders:
         if roughness is not None:
-            coats.mottle(material.node_tree, shader, *roughness)
-        coats.truth_outputs(material.node_tree, shader)
+            materials.vary_roughness(material.node_tree, shader, *roughness)
+        materials.truth_outputs(material.node_tree, shader)
 
 
-def _smooth(thing: Any) -> None:
+def _smooth(obj: Any) -> None:
     """Joins the vertices that flat shading had split, then rounds the facets; weights and UVs stay."""
     shell = bmesh.new()
-    shell.from_mesh(thing.data)
-    bmesh.ops.remove_doubles(shell, verts=shell.verts, dist=1e-4 * max(thing.dimensions))
-    shell.to_mesh(thing.data)
+    shell.from_mesh(obj.data)
+    bmesh.ops.remove_doubles(shell, verts=shell.verts, dist=1e-4 * max(obj.dimensions))
+    shell.to_mesh(obj.data)
     shell.free()
-    thing.data.shade_smooth()
-    thing.modifiers.new("smooth", "SUBSURF").render_levels = 2
-    thing.modifiers["smooth"].levels = 1
+    obj.data.shade_smooth()
+    obj.modifiers.new("smooth", "SUBSURF").render_levels = 2
+    obj.modifiers["smooth"].levels = 1
 
 
 def _choose_action(subject: dict[str, Any]) -> None:
     """Loops the named action from the set's first frame on; other actions and tracks are dropped."""
     name = subject.get("action")
-    for rig in [thing for thing in bpy.data.objects if thing.type == "ARMATURE"]:
+    for rig in [obj for obj in bpy.data.objects if obj.type == "ARMATURE"]:
         found = [action for action in bpy.data.actions if name and action.name.startswith(name)]
         rig.animation_data_clear()
         if not found:
@@ -165,8 +165,8 @@ def _place(meshes: list[Any], subject: dict[str, Any], frame: int) -> None:
     bpy.context.scene.frame_set(frame)
     root = bpy.data.objects.new("stand", None)
     bpy.context.scene.collection.objects.link(root)
-    for thing in [t for t in bpy.data.objects if t.parent is None and t is not root]:
-        thing.parent = root
+    for obj in [t for t in bpy.data.objects if t.parent is None and t is not root]:
+        obj.parent = root
     root.rotation_euler = subject["turn"]
     bpy.context.view_layer.update()
     center, radius, _ = _extent(meshes)
@@ -180,14 +180,14 @@ def _place(meshes: list[Any], subject: dict[str, Any], frame: int) -> None:
 
 def _extent(meshes: list[Any]) -> tuple[Any, float, float]:
     """Middle of the bounding box, radius of the ball about it, lowest z; evaluated, in world space."""
-    points = np.concatenate([world_mesh(thing)[0] for thing in meshes])
+    points = np.concatenate([world_mesh(obj)[0] for obj in meshes])
     center = (points.min(axis=0) + points.max(axis=0)) / 2
     return center, float(np.linalg.norm(points - center, axis=1).max()), float(points[:, 2].min())
 
 
-def world_mesh(thing: Any) -> tuple[Any, Any]:
+def world_mesh(obj: Any) -> tuple[Any, Any]:
     """Evaluated vertices [V, 3] in world metres and triangles [F, 3] of an object at the present frame."""
-    evaluated = thing.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
     mesh = evaluated.to_mesh()
     mesh.calc_loop_triangles()
     vertices = np.empty(len(mesh.vertices) * 3, dtype=np.float32)
@@ -201,18 +201,18 @@ def world_mesh(thing: Any) -> tuple[Any, Any]:
 
 def decimated(meshes: list[Any], triangles: int) -> tuple[Any, Any]:
     """All meshes as one, brought down to about so many triangles: vertices [V, 3] float32, faces [F, 3] int32."""
-    parts = [world_mesh(thing) for thing in meshes]
+    parts = [world_mesh(obj) for obj in meshes]
     starts = np.cumsum([0, *(len(v) for v, _ in parts[:-1])])
     vertices = np.concatenate([v for v, _ in parts])
     faces = np.concatenate([f + start for (_, f), start in zip(parts, starts, strict=True)])
     mesh = bpy.data.meshes.new("proxy")
     mesh.from_pydata(vertices.tolist(), [], faces.tolist())
-    thing = bpy.data.objects.new("proxy", mesh)
-    bpy.context.scene.collection.objects.link(thing)
+    obj = bpy.data.objects.new("proxy", mesh)
+    bpy.context.scene.collection.objects.link(obj)
     if len(faces) > triangles:
-        thing.modifiers.new("fewer", "DECIMATE").ratio = triangles / len(faces)
-    out_vertices, out_faces = world_mesh(thing)
-    bpy.data.objects.remove(thing)
+        obj.modifiers.new("fewer", "DECIMATE").ratio = triangles / len(faces)
+    out_vertices, out_faces = world_mesh(obj)
+    bpy.data.objects.remove(obj)
     bpy.data.meshes.remove(mesh)
     return out_vertices.astype("<f4"), out_faces.astype("<i4")
 

@@ -125,8 +125,8 @@ def run_evaluation(
 
 
 def measured_elsewhere(output: Path) -> dict[str, Any]:
-    """What other commands left beside this evaluation's folder: `remains/evaluation.json`, `scaling/scaling.json`."""
-    remains, scaling = output.parent / "remains" / "evaluation.json", output.parent / "scaling" / "scaling.json"
+    """Results of other commands in folders next to this one: `unmodelled/evaluation.json`, `scaling/scaling.json`."""
+    remains, scaling = output.parent / "unmodelled" / "evaluation.json", output.parent / "scaling" / "scaling.json"
     found: dict[str, Any] = {}
     if remains.is_file():
         found["remains"] = json.loads(remains.read_text())["remains"]

@@ -1,7 +1,7 @@
-"""Painted surfaces as data: what colour, roughness and metallic lie where, in the rest pose's coordinates.
+"""Material layers as data: where on a surface which colour, roughness and metallic lie, in rest-pose coordinates.
 
-A coat is a stack of layers, the last on top. Blender builds shader nodes from it (`inside_blender/coats.py`); the
-thickness of cloth and plates is applied here, to the rest mesh, by the same rules of place.
+A surface has a tuple of layers, the last on top. Blender builds shader nodes from them (`inside_blender/materials.py`);
+the thickness of cloth and plates displaces the rest mesh here, by the same intervals of the same fields.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ FAR = 1e6
 
 @dataclass(frozen=True)
 class Between:
-    """A place: where a field lies in an interval."""
+    """The part of a surface where a per-vertex field lies in an interval."""
 
     field: str
     low: float = -FAR
@@ -31,18 +31,18 @@ class Between:
 
 @dataclass(frozen=True)
 class Layer:
-    """One material and where it lies.
+    """One material and the part of the surface that it covers.
 
     Attributes:
-        name: for readers.
-        where: all must hold; empty is everywhere.
+        name: not used in rendering, except that skin is recognised by it.
+        where: intervals that must all hold; empty is everywhere.
         pattern: "plain", "noise", "stripes", "plaid", "checks", "spots" or "brushed".
         colors: the two ends of the pattern, linear Rec.709.
         scale: pattern repetitions a metre.
         roughness: the range that fine noise spreads over, Disney r.
         metallic: 0 or 1.
-        thickness: metres that the surface is lifted by.
-        softness: over which the lift fades at the border, in the fields' unit.
+        thickness: displacement of the surface in metres.
+        softness: distance over which the displacement fades at the border, in the fields' unit.
     """
 
     name: str
@@ -56,10 +56,10 @@ class Layer:
     softness: float = 0.015
 
 
-Coat = tuple[Layer, ...]
+Layers = tuple[Layer, ...]
 
 
-def coat_to_json(coat: Coat) -> list[dict[str, Any]]:
+def layers_to_json(layers: Layers) -> list[dict[str, Any]]:
     """Plain data for the script inside Blender."""
     return [
         {
@@ -71,17 +71,17 @@ def coat_to_json(coat: Coat) -> list[dict[str, Any]]:
             "roughness": list(layer.roughness),
             "metallic": layer.metallic,
         }
-        for layer in coat
+        for layer in layers
     ]
 
 
-def fields_of(coat: Coat) -> tuple[str, ...]:
-    """Names of the fields that a coat asks for, sorted."""
-    return tuple(sorted({place.field for layer in coat for place in layer.where}))
+def fields_of(layers: Layers) -> tuple[str, ...]:
+    """Names of the fields that the layers use, sorted."""
+    return tuple(sorted({place.field for layer in layers for place in layer.where}))
 
 
 def coverage(layer: Layer, fields: Fields) -> NDArray[np.float64]:
-    """How surely a vertex lies in a layer: 0 outside, 1 beyond `softness` inside its borders; [V]."""
+    """Coverage of the vertices by a layer, [V]: 0 outside, 1 from `softness` inside its borders, linear between."""
     inside = np.ones_like(np.asarray(fields["z"], dtype=np.float64))
     for place in layer.where:
         depth = np.minimum(fields[place.field] - place.low, place.high - fields[place.field])
@@ -89,10 +89,10 @@ def coverage(layer: Layer, fields: Fields) -> NDArray[np.float64]:
     return inside
 
 
-def lift(coat: Coat, fields: Fields) -> NDArray[np.float64]:
-    """Height of the coat above the bare surface: the topmost layer decides where it lies; [V] metres."""
+def displacement(layers: Layers, fields: Fields) -> NDArray[np.float64]:
+    """Height of the layers above the bare surface, [V] metres: the topmost layer that has a thickness decides."""
     height = np.zeros_like(np.asarray(fields["z"], dtype=np.float64))
-    for layer in coat:
+    for layer in layers:
         share = coverage(layer, fields)
         height = height + share * (layer.thickness - height) if layer.thickness else height
     return height

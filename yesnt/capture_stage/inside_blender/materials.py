@@ -1,4 +1,4 @@
-"""Shader nodes: painted coats and their truth outputs (AOVs for base colour, roughness, metallic)."""
+"""Shader nodes: layered materials and their true values as AOVs (base colour, roughness, metallic)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _IOR = 1.5
 
 
 class Nodes:
-    """A node tree with short words for what coats need; sockets in, sockets out."""
+    """A node tree with short methods for the nodes of layered materials; sockets in, sockets out."""
 
     def __init__(self, tree: Any) -> None:
         self.tree = tree
@@ -92,8 +92,8 @@ def truth_outputs(tree: Any, shader: Any) -> None:
     shader.inputs["Specular Tint"].default_value = (1.0, 1.0, 1.0, 1.0)
 
 
-def mottle(tree: Any, shader: Any, low: float, high: float) -> None:
-    """Gives a shader of constant roughness a range, by noise in the rest shape's own coordinates."""
+def vary_roughness(tree: Any, shader: Any, low: float, high: float) -> None:
+    """Replaces a shader's constant roughness by noise between two values, in coordinates of the rest shape."""
     nodes = Nodes(tree)
     noise = nodes.node("ShaderNodeTexNoise")
     nodes.feed(noise.inputs["Vector"], nodes.node("ShaderNodeTexCoord").outputs["Generated"])
@@ -102,7 +102,7 @@ def mottle(tree: Any, shader: Any, low: float, high: float) -> None:
 
 
 def projected_material(picture: str, roughness: float) -> Any:
-    """A dull surface whose colour is read from a picture at the point's place in the camera's view."""
+    """A rough surface whose base colour is read from an image at the point's position on the screen."""
     material = bpy.data.materials.new("projected")
     material.use_nodes = True
     nodes = Nodes(material.node_tree)
@@ -116,7 +116,7 @@ def projected_material(picture: str, roughness: float) -> Any:
     return material
 
 
-_FLESH = ("skin", "lips")
+_SKIN_LAYERS = ("skin", "lips")
 _MEAN_FREE_PATH = (3.67, 1.37, 0.68)  # millimetres in red, green, blue: skin of Jensen et al. 2001
 
 
@@ -136,14 +136,14 @@ def hair_material() -> Any:
     return material
 
 
-def coat_material(layers: list[dict[str, Any]], flesh: float = 0.0) -> Any:
-    """One material for a whole coat: each layer covers those before it where its fields say so.
+def layered_material(layers: list[dict[str, Any]], subsurface: float = 0.0) -> Any:
+    """One material of several layers: each covers those before it where its fields lie in its intervals.
 
     Args:
         layers: from the skin outwards.
-        flesh: share of the skin's light that travels below it; 0: none, as everywhere in the evaluated sets.
+        subsurface: weight of subsurface scattering in bare skin; 0 in all sets but `unmodelled`.
     """
-    material = bpy.data.materials.new("coat")
+    material = bpy.data.materials.new("layers")
     material.use_nodes = True
     nodes = Nodes(material.node_tree)
     shader = next(n for n in material.node_tree.nodes if n.type == "BSDF_PRINCIPLED")
@@ -156,16 +156,18 @@ def coat_material(layers: list[dict[str, Any]], flesh: float = 0.0) -> Any:
     for name, value in zip(("Base Color", "Roughness", "Metallic"), (color, roughness, metallic), strict=True):
         nodes.feed(shader.inputs[name], value)
     truth_outputs(material.node_tree, shader)
-    if flesh:
-        _soften(nodes, shader, layers, flesh)
+    if subsurface:
+        _add_subsurface(nodes, shader, layers, subsurface)
     return material
 
 
-def _soften(nodes: Nodes, shader: Any, layers: list[dict[str, Any]], flesh: float) -> None:
-    """Lets light travel below bare skin."""
+def _add_subsurface(nodes: Nodes, shader: Any, layers: list[dict[str, Any]], subsurface: float) -> None:
+    """Gives the skin layers subsurface scattering."""
     weight: Any = 0.0
     for layer in layers:
-        weight = nodes.mix(_mask(nodes, layer["where"]), weight, flesh if layer["name"] in _FLESH else 0.0, "FLOAT")
+        weight = nodes.mix(
+            _mask(nodes, layer["where"]), weight, subsurface if layer["name"] in _SKIN_LAYERS else 0.0, "FLOAT"
+        )
     nodes.feed(shader.inputs["Subsurface Weight"], weight)
     shader.inputs["Subsurface Radius"].default_value = _MEAN_FREE_PATH
     shader.inputs["Subsurface Scale"].default_value = 0.001

@@ -1,4 +1,4 @@
-"""Light that the project makes itself: lat-long maps in Blender's mapping (method.md section 1)."""
+"""Procedural environment maps: lat-long radiance in Blender's mapping (method.md section 1)."""
 
 from __future__ import annotations
 

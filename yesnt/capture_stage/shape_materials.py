@@ -1,12 +1,12 @@
-"""What the painted shapes are made of."""
+"""Materials of the painted shapes as layers, the outermost last."""
 
 from __future__ import annotations
 
-from yesnt.capture_stage.paint import Between, Coat, Layer
+from yesnt.capture_stage.material_layers import Between, Layer, Layers
 
 
-def worn_metal() -> Coat:
-    """Brushed steel with gilded stretches and rust that is no metal any more."""
+def worn_metal() -> Layers:
+    """Brushed steel with gilded stretches, and rust, which is not metallic."""
     return (
         Layer("steel", (), "brushed", ((0.66, 0.67, 0.69), (0.50, 0.51, 0.53)), 40, (0.08, 0.42), 1.0),
         Layer("gold", (Between("gilt", 0.73),), "noise", ((0.95, 0.70, 0.30), (0.85, 0.56, 0.20)), 14, (0.05, 0.20),
@@ -15,7 +15,7 @@ def worn_metal() -> Coat:
     )  # fmt: skip
 
 
-def glaze() -> Coat:
+def glaze() -> Layers:
     """Glazed bands over a bare clay foot, with a gilded lip."""
     return (
         Layer("glaze", (), "noise", ((0.10, 0.30, 0.34), (0.05, 0.17, 0.24)), 9, (0.05, 0.16)),
@@ -30,7 +30,7 @@ def glaze() -> Coat:
     )  # fmt: skip
 
 
-def brocade() -> Coat:
+def brocade() -> Layers:
     """Wool with a satin border and a woven metal hem."""
     return (
         Layer("wool", (), "plaid", ((0.10, 0.16, 0.09), (0.42, 0.36, 0.22)), 7, (0.8, 1.0)),

@@ -1,4 +1,4 @@
-"""From Blender's raw passes to the pictures of a shot (contract.md), as arrays."""
+"""Post-process of Blender's raw passes: the images of a shot (contract.md) as arrays."""
 
 from __future__ import annotations
 

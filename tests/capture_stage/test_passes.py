@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from yesnt.capture_stage import develop
+from yesnt.capture_stage import passes as post_process
 from yesnt.capture_stage.package import round_mantissa
 from yesnt.core.errors import CorruptError
 
@@ -23,7 +23,7 @@ def passes():
 
 
 def test_partly_covered_pixels_take_geometry_from_the_nearest_hit(passes):
-    surface = develop.geometry(*passes)
+    surface = post_process.geometry(*passes)
     assert (surface["depth.Z"][:, :3] == 2).all()
     assert (surface["depth.Z"][:, 3] > 1e9).all()
     length = np.sqrt(sum(surface[f"N.{c}"].astype(float) ** 2 for c in "XYZ"))
@@ -32,21 +32,21 @@ def test_partly_covered_pixels_take_geometry_from_the_nearest_hit(passes):
 
 
 def test_flow_is_right_and_down(passes):
-    moved = develop.flow(*passes)
+    moved = post_process.flow(*passes)
     assert (moved["forward.u"][:, :3] == 3).all()
     assert (moved["forward.v"][:, :3] == 1.5).all()
     assert (moved["forward.u"][:, 3] == 0).all()
 
 
 def test_pictures_hold_no_negative_light(passes):
-    picture = develop.picture(passes[1])
+    picture = post_process.picture(passes[1])
     assert all(plane.dtype == np.float16 and plane.min() >= 0 for plane in picture.values())
 
 
 def test_an_empty_picture_has_no_geometry(passes):
     points, lit = passes
     empty = {**points, "Depth.Z": np.full((4, 4), 1e10, dtype=np.float32)}
-    assert (develop.geometry(empty, lit)["depth.Z"] > 1e9).all()
+    assert (post_process.geometry(empty, lit)["depth.Z"] > 1e9).all()
 
 
 @pytest.mark.parametrize(("dtype", "bits"), [(np.float32, 13), (np.float16, 8)])
@@ -61,4 +61,4 @@ def test_rounding_keeps_what_it_promises(dtype, bits):
 def test_damaged_raw_pictures_are_told(tmp_path):
     (tmp_path / "raw.exr").write_bytes(b"\x76\x2f\x31\x01 and then nothing")
     with pytest.raises(CorruptError, match="does not decode"):
-        develop.read_passes(tmp_path / "raw.exr")
+        post_process.read_passes(tmp_path / "raw.exr")

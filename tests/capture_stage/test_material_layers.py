@@ -3,11 +3,19 @@ import json
 import numpy as np
 import pytest
 
-from yesnt.capture_stage import garments, shape_coats, shapes
-from yesnt.capture_stage.paint import Between, Layer, coat_to_json, coverage, fields_of, lift, vertex_normals
+from yesnt.capture_stage import garments, shape_materials, shapes
+from yesnt.capture_stage.material_layers import (
+    Between,
+    Layer,
+    coverage,
+    displacement,
+    fields_of,
+    layers_to_json,
+    vertex_normals,
+)
 
-COATS = [garments.explorer, garments.athlete, garments.performer, garments.courtier]
-PAINTS = [shape_coats.worn_metal, shape_coats.glaze, shape_coats.brocade]
+COSTUMES = [garments.explorer, garments.athlete, garments.performer, garments.courtier]
+MATERIALS = [shape_materials.worn_metal, shape_materials.glaze, shape_materials.brocade]
 
 
 def _layer(thickness: float, *where: Between) -> Layer:
@@ -21,30 +29,30 @@ def test_cover_fades_inside_its_borders_only():
 
 def test_the_topmost_layer_decides_the_height():
     fields = {"z": np.array([0.5, 1.5])}
-    coat = (_layer(0.02, Between("z", 0, 10)), _layer(0.005, Between("z", 1, 10)), _layer(0.0))
-    assert lift(coat, fields) == pytest.approx([0.02, 0.005])
+    layers = (_layer(0.02, Between("z", 0, 10)), _layer(0.005, Between("z", 1, 10)), _layer(0.0))
+    assert displacement(layers, fields) == pytest.approx([0.02, 0.005])
 
 
-@pytest.mark.parametrize("make", COATS + PAINTS)
-def test_coats_are_physical_and_plain_data(make):
-    coat = make()
-    assert json.loads(json.dumps(coat_to_json(coat))) == coat_to_json(coat)
-    for layer in coat:
+@pytest.mark.parametrize("make", COSTUMES + MATERIALS)
+def test_layers_are_physical_and_plain_data(make):
+    layers = make()
+    assert json.loads(json.dumps(layers_to_json(layers))) == layers_to_json(layers)
+    for layer in layers:
         assert 0.05 <= layer.roughness[0] <= layer.roughness[1] <= 1
         assert layer.metallic in (0.0, 1.0)
         assert all(0 <= c <= 1 for color in layer.colors for c in color)
 
 
 def test_the_stage_spreads_over_roughness_and_metallic():
-    layers = [layer for make in COATS + PAINTS for layer in make()]
+    layers = [layer for make in COSTUMES + MATERIALS for layer in make()]
     assert min(layer.roughness[0] for layer in layers) <= 0.06
     assert max(layer.roughness[1] for layer in layers) == 1.0
     assert 0.2 < np.mean([layer.metallic for layer in layers]) < 0.6
 
 
 @pytest.mark.parametrize(("build", "make"), [
-    (shapes.knot, shape_coats.worn_metal), (shapes.vase, shape_coats.glaze),
-    (shapes.drape, shape_coats.brocade),
+    (shapes.knot, shape_materials.worn_metal), (shapes.vase, shape_materials.glaze),
+    (shapes.drape, shape_materials.brocade),
 ])  # fmt: skip
 def test_shapes_stand_on_the_ground_and_have_the_fields_that_their_coat_asks_for(build, make):
     vertices, faces, fields = build()

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from yesnt.capture_stage.subjects import SUBJECTS, Human
+from yesnt.training import garments
 
 DRAWN = 300
 BODY = {"skin", "lips", "eyes", "hair"}
@@ -20,16 +21,15 @@ def measured():
         (name, layer)
         for name, subject in SUBJECTS.items()
         if isinstance(subject, Human)
-        for layer in subject.coat_layers()
+        for layer in subject.material_layers()
         if layer.name not in BODY
     ]
 
 
 @pytest.fixture(scope="module")
 def drawn():
-    garments = pytest.importorskip("yesnt.training.garments")
-    coats = [garments.draw_garments(np.random.default_rng(seed)).frozen_layers() for seed in range(DRAWN)]
-    return [layer for coat in coats for layer in coat if layer.name not in BODY]
+    costumes = [garments.draw_garments(np.random.default_rng(seed)).frozen_layers() for seed in range(DRAWN)]
+    return [layer for costume in costumes for layer in costume if layer.name not in BODY]
 
 
 def bounds(layer):

@@ -1,4 +1,4 @@
-"""What the humans of the stage wear: places on a body as fields, and coats over them."""
+"""Costumes of the humans: fields that locate places on a body, and the displacement of cloth over it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.capture_stage.paint import Coat, lift, vertex_normals
+from yesnt.capture_stage.material_layers import Layers, displacement, vertex_normals
 from yesnt.capture_stage.pose import Body
 
 _FACE_BONES = ("head", "jaw", "special", "oris", "levator", "temporalis", "oculi", "orbicularis", "risorius", "tongue")
@@ -15,7 +15,7 @@ _FACE_BONES = ("head", "jaw", "special", "oris", "levator", "temporalis", "oculi
 
 @dataclass(frozen=True)
 class Dressed:
-    """A body with its clothes' thickness, and the fields that say where each material lies.
+    """A body displaced by its clothes, and the fields that locate each material.
 
     Attributes:
         vertices: rest vertices, [V, 3] metres.
@@ -44,16 +44,16 @@ def body_fields(body: Body) -> dict[str, NDArray[np.float64]]:
     }  # fmt: skip
 
 
-def dress(body: Body, coat: Coat, folds: float = 0.004) -> Dressed:
-    """Lifts the rest surface by the coat's thickness and, where it is cloth, by folds.
+def dress(body: Body, layers: Layers, folds: float = 0.004) -> Dressed:
+    """Displaces the rest surface along its normals by the thickness of the clothes and by folds.
 
     Args:
         body: the bare body.
-        coat: what it wears.
-        folds: amplitude in metres where the coat is thick.
+        layers: skin and garments, the outermost last.
+        folds: amplitude of folds in metres where clothes are thick.
     """
     fields = body_fields(body)
-    height = lift(coat, fields)
+    height = displacement(layers, fields)
     x, y, z = fields["x"], fields["y"], fields["z"]
     wave = np.sin(43 * z + 9 * np.sin(17 * x) + 5 * y) + 0.7 * np.sin(61 * x + 21 * np.sin(13 * z))
     height = height + folds * wave * np.clip(height / 0.008, 0, 1)

@@ -50,9 +50,11 @@ def code_blocks(text: str, language: str) -> list[str]:
 
 
 def stage_table() -> str:
-    rows = ["| stage | a task holds | reads | writes |", "|---|---|---|---|"]
+    rows = ["| stage | a task holds | reads | writes | task, in `yesnt/tasks/` |", "|---|---|---|---|---|"]
     for stage in STAGES.values():
-        rows.append(f"| {stage.name} | {stage.holds} | {stage.reads} | {', '.join(stage.writes)} |")
+        files = dict.fromkeys(function.partition(":")[0].rpartition(".")[2] for function in stage.tasks.values())
+        tasks = ", ".join(f"`{name}.py`" for name in files)
+        rows.append(f"| {stage.name} | {stage.holds} | {stage.reads} | {', '.join(stage.writes)} | {tasks} |")
     return "\n".join(rows)
 
 

@@ -1,7 +1,10 @@
+import time
 from pathlib import Path
 
 import pytest
 import yaml
+from fileseq import FileSequence
+from fileseq.constants import PAD_STYLE_HASH1
 
 from yesnt.core.errors import JobError, UsageError
 from yesnt.io.jobfile import frame_path, frames_on_disk, load_shot, parse_frames
@@ -74,6 +77,9 @@ def test_absent_job_says_how_to_make_one(tmp_path: Path) -> None:
         ("3,1", (1, 3)),
         ("-2-0", (-2, -1, 0)),
         ("7", (7,)),
+        ("5-7,6-9,1", (1, 5, 6, 7, 8, 9)),
+        (" 1 - 3 ,,9,", (1, 2, 3, 9)),
+        ("1-10y3", (2, 3, 5, 6, 8, 9)),
     ],
 )
 def test_ranges(text: str, frames: tuple[int, ...]) -> None:
@@ -85,6 +91,26 @@ def test_bad_ranges_are_refused_in_one_paragraph(text: str) -> None:
     with pytest.raises(UsageError, match=r"^The frame range .* cannot be used .*Where: here\.") as caught:
         parse_frames(text, "here")
     assert "\n" not in str(caught.value)
+
+
+def test_a_sparse_list_is_parsed_in_linear_time() -> None:
+    def seconds(count: int) -> float:
+        text = ",".join(str(frame) for frame in range(1001, 1001 + 5 * count, 5))
+        began = time.process_time()
+        assert len(parse_frames(text, "here")) == count
+        return time.process_time() - began
+
+    assert seconds(6000) < 2  # 3,000 numbers took 32 s
+
+
+@pytest.mark.parametrize(
+    "pattern", ["/a/b.####.exr", "~/p.%04d.exr", "p.@.exr", "still.exr", "p.#.tar.gz", "cam.01.json"]
+)
+@pytest.mark.parametrize("frame", [-12345, -5, 0, 7, 123456])
+def test_paths_are_those_of_fileseq(pattern: str, frame: int) -> None:
+    sequence = FileSequence(pattern, pad_style=PAD_STYLE_HASH1)
+    name = sequence.frame(frame) if sequence.padding() else pattern
+    assert frame_path("/root", pattern, frame) == Path("/root") / Path(name).expanduser()
 
 
 @pytest.mark.parametrize("pattern", ["p.####.exr", "p.%04d.exr", "p.@@@@.exr", "p.$F4.exr"])

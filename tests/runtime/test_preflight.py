@@ -11,7 +11,8 @@ from tests.tiny_shot import write_tiny_shot
 from yesnt.core.errors import JobError, YesntError
 from yesnt.io.exr import read_image, write_exr
 from yesnt.io.output import OutputFolder
-from yesnt.runtime.preflight import inspect, resolve
+from yesnt.runtime.input_checks import inspect
+from yesnt.runtime.preflight import resolve
 from yesnt.runtime.session import RunOptions, Session
 
 

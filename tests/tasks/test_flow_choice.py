@@ -15,7 +15,7 @@ from yesnt.core.errors import JobError
 from yesnt.io.exr import write_exr
 from yesnt.io.store import FrameStore
 from yesnt.planning.stages import FLOW
-from yesnt.runtime.preflight import inspect_form
+from yesnt.runtime.input_checks import InputChecks
 from yesnt.runtime.session import Session
 
 SIZE = (40, 32)
@@ -61,4 +61,4 @@ def test_weights_and_a_learned_method_belong_together(tmp_path: Path, flow: dict
     path = write_tiny_shot(tmp_path, 3, SIZE, flow=flow)
     (path.parent / "w.pth").write_bytes(b"")
     with pytest.raises(JobError, match="belong together"):
-        inspect_form(Session(path).resolved)
+        InputChecks(Session(path).resolved).form()

@@ -7,9 +7,9 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from yesnt.core.errors import CorruptError, UsageError
+from yesnt.io.file_digests import file_digest
 from yesnt.io.jobfile import parse_frames
 from yesnt.io.records import Record, key_of
-from yesnt.io.shot_inputs import file_digest
 from yesnt.io.store import FrameStore
 from yesnt.planning.graph import Graph, Node
 from yesnt.planning.stages import STAGES, stage_of

@@ -20,7 +20,7 @@ from yesnt.planning.graph import Graph, Node
 from yesnt.planning.stages import STAGES
 from yesnt.planning.task_records import held_frames
 from yesnt.runtime.driver import is_done
-from yesnt.runtime.preflight import inspect
+from yesnt.runtime.input_checks import inspect
 from yesnt.runtime.session import Session
 from yesnt.tasks.light import frame_map
 

@@ -44,25 +44,36 @@ def load_shot(path: Path) -> Shot:
 
 
 def parse_frames(text: str, where: str) -> tuple[int, ...]:
-    """A frame range such as `1001-1010x2,1020` as ascending numbers.
+    """A frame range such as `1001-1010x2,1020` as ascending numbers, each once.
 
     Raises:
-        UsageError: the text is no range, repeats a frame, or holds more than `MAX_FRAMES`.
+        UsageError: the text is no range, or holds more than `MAX_FRAMES`.
     """
-    from fileseq import FrameSet
     from fileseq.exceptions import FileSeqException
 
     problem: object = "no frames"
     try:
-        frames = tuple(_whole(f) for f in FrameSet(text))
+        frames = _numbers(text)
     except (FileSeqException, ValueError, TypeError, OverflowError) as error:
-        frames, problem = (), error
+        frames, problem = frozenset(), error
     if not frames or len(frames) > MAX_FRAMES:
         reason = str(problem).splitlines()[0].rstrip(": ")
         raise UsageError(
             f"The frame range {text!r} cannot be used ({reason})", where, "1001-1024 or 1001-1010x2,1020", "mend it"
         )
     return tuple(sorted(frames))
+
+
+def _numbers(text: str) -> frozenset[int]:
+    """The frames of a range. Its parts are parsed one by one: fileseq's time grows with the square of their number."""
+    from fileseq import FrameSet
+
+    found: set[int] = set()
+    for part in filter(str.strip, text.split(",")):
+        found.update(_whole(frame) for frame in FrameSet(part))
+        if len(found) > MAX_FRAMES:
+            break
+    return frozenset(found)
 
 
 def _whole(frame: object) -> int:
@@ -91,8 +102,18 @@ def has_frame_number(pattern: str) -> bool:
 
 def frame_path(root: str | Path, pattern: str, frame: int) -> Path:
     """The file of one frame; a pattern without a frame number is the same file for every frame."""
-    name = _sequence(pattern).frame(frame) if has_frame_number(pattern) else pattern
-    return Path(os.path.expanduser(root)) / os.path.expanduser(str(name))
+    template = _template(pattern)
+    name = pattern if template is None else f"{template[0]}{str(frame).zfill(template[1])}{template[2]}"
+    return Path(os.path.expanduser(root)) / os.path.expanduser(name)
+
+
+@lru_cache(maxsize=64)
+def _template(pattern: str) -> tuple[str, int, str] | None:
+    """What stands before a frame number, its digits, and what stands behind it; None without a frame number."""
+    sequence = _sequence(pattern)
+    if not sequence.padding():
+        return None
+    return f"{sequence.dirname()}{sequence.basename()}", sequence.zfill(), sequence.extension()
 
 
 def pass_patterns(pattern: str) -> dict[str, str]:

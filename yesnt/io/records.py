@@ -13,6 +13,10 @@ from typing import Any
 from yesnt.core.fault_points import fault_point
 from yesnt.core.stage_id import StageId
 from yesnt.io.durable import retried, write_json
+from yesnt.io.file_digests import file_digest
+
+FileState = tuple[int, int]
+"""Size of a file in bytes and time of its last change in nanoseconds."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +32,7 @@ class Record:
         files: path relative to the output folder -> digest of the file's bytes.
         seconds: time in the task, and in its kernel.
         facts: small numbers for reports (peak memory, iterations, patches, thread counts).
+        file_states: the paths of `files` -> size in bytes and time of the last change in nanoseconds at the commit.
     """
 
     stage: str
@@ -38,6 +43,7 @@ class Record:
     files: Mapping[str, str] = field(default_factory=dict)
     seconds: Mapping[str, float] = field(default_factory=dict)
     facts: Mapping[str, Any] = field(default_factory=dict)
+    file_states: Mapping[str, FileState] = field(default_factory=dict)
 
 
 def digest_of(document: Any) -> str:
@@ -86,10 +92,12 @@ class RecordBook:
 
     Args:
         folder: `out/run/records`.
+        root: the output folder, which the paths in records are relative to; with it, a frame is done only while its
+            files are there as they were committed.
     """
 
-    def __init__(self, folder: str | Path) -> None:
-        self.folder = Path(folder)
+    def __init__(self, folder: str | Path, root: Path | None = None) -> None:
+        self.folder, self._root = Path(folder), root
 
     def path(self, stage: StageId | str, frame: int) -> Path:
         """Where a record lies; the stage by its identifier or its label."""
@@ -112,10 +120,55 @@ class RecordBook:
             return None
 
     def done(self, stage: StageId | str, frame: int, key: str) -> Record | None:
-        """The record of a frame if it holds this key."""
+        """The record of a frame if it holds this key and the frame's files are those that were committed."""
         record = self.find(stage, frame)
-        return record if record is not None and record.key == key else None
+        return record if record is not None and record.key == key and not self.damage(record) else None
+
+    def damage(self, record: Record) -> str:
+        """What is wrong with a record's files, in words; "" if nothing is.
+
+        Size and time are always compared, the content only where these differ: `verify` finds the rest.
+        """
+        if self._root is None:
+            return ""
+        for name, digest in record.files.items():
+            state = record.file_states.get(name)
+            found, _ = self.check_file(name, digest, None if state is None else (state[0], state[1]))
+            if found:
+                return found
+        return ""
+
+    def check_file(self, name: str, digest: str, state: FileState | None) -> tuple[str, FileState | None]:
+        """Compares a committed file with its record.
+
+        Args:
+            name: path relative to the output folder.
+            digest: of the content that was committed.
+            state: size and time of change with which it was committed; None if they are not known.
+
+        Returns:
+            what is wrong, in words ("" if nothing is), and the file's size and time of change.
+        """
+        if self._root is None:
+            return "", None
+        try:
+            now = file_state(self._root / name)
+        except OSError:
+            return f"{name} is missing", None
+        if now != state and (not (self._root / name).is_file() or file_digest(self._root / name) != digest):
+            return f"{name} is not the file that was committed", now
+        return "", now
 
     def forget(self, stage: StageId | str, frame: int) -> None:
         """Makes a frame not done."""
         self.path(stage, frame).unlink(missing_ok=True)
+
+
+def file_state(path: Path) -> FileState:
+    """Size and time of the last change of a file.
+
+    Raises:
+        OSError: it is missing.
+    """
+    found = path.stat()
+    return found.st_size, found.st_mtime_ns

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -149,21 +148,6 @@ def check_size(job: Job, header: ImageHeader) -> None:
             f"{job.width}x{job.height}, as camera.json says",
             "render every input at one size",
         )
-
-
-def file_digest(path: Path) -> str:
-    """BLAKE2b-128 of a file's bytes, hexadecimal."""
-    try:
-        with path.open("rb") as stream:
-            return hashlib.file_digest(stream, lambda: hashlib.blake2b(digest_size=16)).hexdigest()
-    except FileNotFoundError as error:
-        raise JobError(
-            "A file is missing", str(path), "a readable file", "check the path and the frame range"
-        ) from error
-    except OSError as error:  # a folder, no permission, a dangling network mount
-        raise JobError(
-            f"A file cannot be read ({error.strerror})", str(path), "a readable file", "check what it is and its rights"
-        ) from error
 
 
 def _plate(job: Job, spec: PlateInput, frame: int) -> Plate:

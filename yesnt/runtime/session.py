@@ -6,7 +6,7 @@ import json
 import shutil
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -17,6 +17,7 @@ from yesnt.core.stage_id import StageId
 from yesnt.io.durable import sweep_partials, write_json
 from yesnt.io.jobfile import parse_frames
 from yesnt.io.output import OutputFolder
+from yesnt.io.record_index import RecordIndex
 from yesnt.io.records import RecordBook
 from yesnt.io.store import FrameStore
 from yesnt.planning import settings as of
@@ -26,7 +27,8 @@ from yesnt.planning.shot_plan import ShotPlan
 from yesnt.planning.stages import FORMER_ARRAYS, STAGES
 from yesnt.runtime.cluster import ClusterSpec, address_of, check_kind, dashboard_of, open_cluster, warm_up
 from yesnt.runtime.driver import Driver, DriverSettings, Outcome, is_done
-from yesnt.runtime.preflight import Resolved, inspect_content, inspect_form, resolve
+from yesnt.runtime.input_checks import InputChecks
+from yesnt.runtime.preflight import Progress, Resolved, no_progress, resolve
 from yesnt.runtime.stop_cluster import stop_now
 from yesnt.tasks.run import run_node, worker_modules
 from yesnt.workflows.shot import shot_graph
@@ -79,16 +81,36 @@ class Session:
     Args:
         path: the job file or its folder.
         accept_license: licences that the user accepts beside those that the job names.
+        progress: called while input files are hashed and checked.
     """
 
-    def __init__(self, path: str | Path, accept_license: tuple[str, ...] = ()) -> None:
-        self.resolved: Resolved = resolve(path, accept_license)
+    def __init__(
+        self, path: str | Path, accept_license: tuple[str, ...] = (), progress: Progress = no_progress
+    ) -> None:
+        self.resolved: Resolved = resolve(path, accept_license, progress)
+        self.progress = progress
         self.job = self.resolved.job
         self.output = OutputFolder.of(self.job)
-        self.book = RecordBook(self.output.records)
+        self.book = RecordBook(self.output.records, self.output.root)
         # A plan and a graph are the same as long as the same frames are missing; building a long shot's takes seconds.
         self._plan_without = lru_cache(maxsize=1)(self._make_plan)
         self._graph_without = lru_cache(maxsize=1)(lambda *lost: shot_graph(self._plan_without(*lost)))
+
+    @cached_property
+    def checks(self) -> InputChecks:
+        """Checks of the input files; what they find is remembered between commands."""
+        return InputChecks(self.resolved, self.progress)
+
+    def open_index(self) -> RecordIndex:
+        """The index of the records as they are now."""
+        return RecordIndex(self.book, self.output.run / "record_index.json")
+
+    def remember(self) -> None:
+        """Writes what was learned of the input files to the output folder, so that the next command is fast."""
+        with suppress(OSError):
+            self.output.run.mkdir(parents=True, exist_ok=True)
+        self.resolved.memory.save()
+        self.checks.facts.save()
 
     @cached_property
     def chunks(self) -> ChunkPlan:
@@ -148,13 +170,14 @@ class Session:
         check_kind(options.cluster)
         graph = self.graph()
         wanted = graph.closure(self.targets(graph, options))  # a wrong option is told before anything is written
-        warnings = inspect_form(self.resolved)
+        warnings = self.checks.form()
         result = RunResult(warnings=warnings, output=self.output.root)
         with _LazyCluster(options.cluster, worker_modules(self.job.shot)) as cluster:
             if any(not is_done(self.book, node) for node in wanted):
                 cluster.begin()
-            result.warnings += inspect_content(self.resolved)
+            result.warnings += self.checks.content()
             with self.output.lock(), self._events(listen) as tell:
+                self.remember()
                 sweep_partials(self.output.root)
                 self.output.exr.mkdir(parents=True, exist_ok=True)
                 result.missing = dict(self.marked_dead())

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from yesnt.core.channels import CHANNELS, DELIVERED
 from yesnt.core.color import CHROMATICITIES_REC709
 from yesnt.io.exr import write_exr
-from yesnt.io.shot_inputs import file_digest
+from yesnt.io.file_digests import file_digest
 from yesnt.planning.stages import DECOMPOSE, RELIGHT, SOLVE
 from yesnt.planning.task_records import CompositeTask
 from yesnt.tasks.light import LightFiles, backdrop

@@ -17,9 +17,9 @@ from yesnt.core.camera import Camera
 from yesnt.core.errors import JobError
 from yesnt.core.shot import Job
 from yesnt.io import shot_inputs
+from yesnt.io.file_digests import file_digest
 from yesnt.io.jobfile import frame_path, pass_patterns
 from yesnt.io.records import RecordBook
-from yesnt.io.shot_inputs import file_digest
 from yesnt.planning.graph import Node
 from yesnt.planning.stages import DECOMPOSE, FLOW, RELIGHT
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from yesnt.core.camera import Camera
 from yesnt.core.shot import CaptureInput, Job, LightInput
 from yesnt.io import shot_inputs
+from yesnt.io.file_digests import file_digest
 from yesnt.io.jobfile import frame_path
 from yesnt.tasks.inputs import prove_input
 
@@ -82,7 +83,7 @@ class LightFiles:
     def read(cls, job: Job, frame: int) -> LightFiles:
         """With the digests of the files as they are now."""
         paths = _map_paths(job, frame)
-        return cls(job, frame, {role: shot_inputs.file_digest(path) for role, path in paths.items()})
+        return cls(job, frame, {role: file_digest(path) for role, path in paths.items()})
 
 
 def prepared_lights(

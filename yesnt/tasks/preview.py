@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from yesnt.io.file_digests import file_digest
 from yesnt.io.preview import join_segments, write_segment
-from yesnt.io.shot_inputs import file_digest
 from yesnt.planning.stages import SEGMENT
 from yesnt.planning.task_records import PreviewSegmentTask, PreviewTask
 from yesnt.tasks.workspace import Workspace

@@ -20,7 +20,7 @@ from yesnt.core.shot import Job
 from yesnt.core.stage_id import StageId
 from yesnt.io import shot_inputs
 from yesnt.io.output import OutputFolder
-from yesnt.io.records import Record, RecordBook
+from yesnt.io.records import Record, RecordBook, file_state
 from yesnt.io.store import FrameStore
 from yesnt.planning.graph import Node
 from yesnt.planning.task_records import TaskRecord
@@ -45,7 +45,7 @@ class Workspace(Generic[T_co]):
     def __init__(self, job: Job, node: Node) -> None:
         self.job, self.node = job, node
         self.output = OutputFolder.of(job)
-        self.book = RecordBook(self.output.records)
+        self.book = RecordBook(self.output.records, self.output.root)
         self.clock = Clock()
 
     @property
@@ -180,7 +180,8 @@ class Workspace(Generic[T_co]):
         node, seconds = self.node, {"task": self.clock.seconds, "kernel": self.clock.kernel}
         facts = {"host": platform.node(), "peak_bytes": peak_bytes(), **facts}
         fields, key = node.frame_fields(frame), node.frame_key(frame)
-        self.book.commit(Record(node.stage.label, frame, key, fields, arrays, files, seconds, facts))
+        states = {name: file_state(self.output.root / name) for name in files}
+        self.book.commit(Record(node.stage.label, frame, key, fields, arrays, files, seconds, facts, states))
 
     def _keep(self, name: str, position: int, values: Float32) -> str:
         """Writes one array and caches it: the next stage of this frame most often runs in this process."""

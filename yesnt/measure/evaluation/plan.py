@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from yesnt.core.stage_id import StageId
+from yesnt.io.file_digests import file_digest
 from yesnt.io.records import digest_of
-from yesnt.io.shot_inputs import file_digest
 from yesnt.measure.evaluation.nets import stlpips_weights
 from yesnt.measure.evaluation.rows import EXACT_ARRAYS, ROWS, Row
 from yesnt.measure.evaluation.scorer import FILMED, GIVEN_KEPT, SEARCH_METALLIC, SEARCH_ROUGHNESS, SEARCH_STRIDE

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from yesnt.core.camera import Camera
 from yesnt.core.shot import Job
 from yesnt.io import shot_inputs
+from yesnt.io.file_digests import file_digest
 from yesnt.io.jobfile import frame_path
 from yesnt.measure.evaluation.rows import Row
 from yesnt.planning import settings as of
@@ -90,7 +91,7 @@ class Scene:
         """
         settings = dataclasses.replace(of.relight_settings(self.job.shot), **row.knobs)
         inputs = self._inputs if row.proxy else dataclasses.replace(self._inputs, proxy=None)
-        light = _new_light(env, shot_inputs.file_digest(env), settings)
+        light = _new_light(env, file_digest(env), settings)
         # The light that relights has no part in the base colour, so all maps share what the first one found.
         key = (row.proxy, _digest(planes), dataclasses.replace(settings, texels=1, clusters=1))
         base = true_base if row.true_base else self._known_base(key)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from yesnt.core.color import srgb_encode
 from yesnt.core.stage_id import StageId
-from yesnt.io.shot_inputs import file_digest
+from yesnt.io.file_digests import file_digest
 from yesnt.measure.evaluation.nets import open_nets
 from yesnt.measure.evaluation.pictures import strip_name, write_strip
 from yesnt.measure.evaluation.rows import EXACT_ARRAYS, ROWS, SEPARATIONS, Row

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from yesnt.core.camera import Camera
 from yesnt.core.stage_id import StageId
 from yesnt.io import shot_inputs
+from yesnt.io.file_digests import file_digest
 from yesnt.io.jobfile import frame_path
-from yesnt.io.shot_inputs import file_digest
 from yesnt.measure.evaluation.nets import open_nets
 from yesnt.measure.evaluation.pictures import write_materials
 from yesnt.measure.evaluation.scorer import FILMED

@@ -1,0 +1,152 @@
+"""Index of the commit records: what status and plan need of each, without reading tens of thousands of small files.
+
+The index lies beside the records. An entry counts only while its record has the same size, time of change and inode, so
+the file may be deleted at any time, and is ignored where it is damaged.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from yesnt.io.file_digests import save_memory
+from yesnt.io.records import FileState, Record, RecordBook
+
+Signature = tuple[int, int, int]
+"""Size, time of the last change in nanoseconds and inode of a record's file."""
+
+_VERSION = 1
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What is kept of a record.
+
+    Attributes:
+        key: its key.
+        seconds: time in the task.
+        evaluations: network evaluations of the frame; None where the stage has none.
+        files: path relative to the output folder -> digest.
+        states: the same paths -> size and time of change with which the content was last proven.
+    """
+
+    key: str
+    seconds: float
+    evaluations: float | None
+    files: dict[str, str]
+    states: dict[str, FileState]
+
+    @classmethod
+    def of(cls, record: Record) -> Entry:
+        """The entry of a record."""
+        seconds, evaluations = record.seconds.get("task", 0.0), record.facts.get("evaluations")
+        states = {name: (state[0], state[1]) for name, state in record.file_states.items()}
+        return cls(record.key, seconds, evaluations, dict(record.files), states)
+
+
+class RecordIndex:
+    """Entries of all records of an output folder.
+
+    Args:
+        book: the records.
+        memory: the index's file, `out/run/record_index.json`; it is written by `save` only.
+    """
+
+    def __init__(self, book: RecordBook, memory: Path) -> None:
+        self._book, self._memory = book, memory
+        self._known = _load(memory)
+        self._found: dict[tuple[str, str], Signature] = dict(_scan(book.folder))
+        self._changed = self._known.keys() != self._found.keys()
+
+    def find(self, stage: object, frame: int) -> Entry | None:
+        """The entry of a frame; None if it has no record that can be read."""
+        at = (str(stage), f"{frame:04d}.json")
+        signature = self._found.get(at)
+        if signature is None:
+            return None
+        known = self._known.get(at)
+        if known is not None and known[0] == signature:
+            return known[1]
+        record = self._book.find(at[0], frame)
+        if record is None:
+            return None
+        entry = Entry.of(record)
+        self._known[at], self._changed = (signature, entry), True
+        return entry
+
+    def done(self, stage: object, frame: int, key: str) -> bool:
+        """Whether a frame's record holds this key and its files are those that were committed."""
+        entry = self.find(stage, frame)
+        return entry is not None and entry.key == key and not self.damage(stage, frame)
+
+    def damage(self, stage: object, frame: int) -> str:
+        """What is wrong with a frame's files, in words; "" if nothing is.
+
+        A file of another size or time is compared by digest, once: the index remembers the state that was proven.
+        """
+        entry = self.find(stage, frame)
+        if entry is None:
+            return ""
+        for name, digest in entry.files.items():
+            found, state = self._book.check_file(name, digest, entry.states.get(name))
+            if found:
+                return found
+            if state is not None and state != entry.states.get(name):
+                entry.states[name], self._changed = state, True
+        return ""
+
+    def save(self) -> None:
+        """Writes the index if it has changed."""
+        if not self._changed:
+            return
+        rows: dict[str, dict[str, list[Any]]] = {}
+        for at in self._found.keys() & self._known.keys():
+            signature, entry = self._known[at]
+            row = [*signature, entry.key, entry.seconds, entry.evaluations, entry.files, entry.states]
+            rows.setdefault(at[0], {})[at[1]] = row
+        save_memory(self._memory, {"version": _VERSION, "records": rows})
+
+
+def records_fingerprint(folder: Path) -> str:
+    """Changes whenever a record is written, replaced or removed; reads none of them."""
+    digest = hashlib.blake2b(digest_size=16)
+    for at, signature in sorted(_scan(folder)):
+        digest.update(f"{at} {signature}\n".encode())
+    return digest.hexdigest()
+
+
+def _scan(folder: Path) -> Iterator[tuple[tuple[str, str], Signature]]:
+    """Stage and file name of every record, and the signature of its file."""
+    try:
+        stages = [entry for entry in os.scandir(folder) if entry.is_dir()]
+    except OSError:
+        return
+    for stage in stages:
+        with os.scandir(stage.path) as files:
+            for file in files:
+                if file.name.endswith(".json"):
+                    found = file.stat()
+                    yield (stage.name, file.name), (found.st_size, found.st_mtime_ns, found.st_ino)
+
+
+def _load(memory: Path) -> dict[tuple[str, str], tuple[Signature, Entry]]:
+    try:
+        document = json.loads(memory.read_bytes())
+        if document["version"] != _VERSION:
+            return {}
+        return {
+            (stage, name): ((row[0], row[1], row[2]), Entry(row[3], row[4], row[5], row[6], _states(row[7])))
+            for stage, rows in document["records"].items()
+            for name, row in rows.items()
+        }
+    except (OSError, ValueError, TypeError, KeyError, IndexError, AttributeError):
+        return {}
+
+
+def _states(row: dict[str, list[int]]) -> dict[str, FileState]:
+    return {name: (size, time) for name, (size, time) in row.items()}

@@ -1,0 +1,180 @@
+"""Checks of a job's input files before any work starts: sizes, damaged pixels, absent channels, room for results.
+
+Decoding every picture is linear in bytes. What a check found is remembered by the digests of the files that it read, so
+a later `plan` or `run` decodes only what has changed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections import Counter
+from collections.abc import Iterable
+from functools import cache, cached_property, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from yesnt.core.camera import Camera
+from yesnt.core.errors import JobError
+from yesnt.core.parallel import parallel_map
+from yesnt.core.shot import Job
+from yesnt.io import shot_inputs
+from yesnt.io.exr import read_header
+from yesnt.io.fact_cache import FactCache
+from yesnt.io.jobfile import frame_path, frames_on_disk, pass_patterns
+from yesnt.io.mesh import read_mesh
+from yesnt.io.output import OutputFolder
+from yesnt.runtime.preflight import READERS, Progress, Resolved, no_progress
+
+STORE_BYTES_PER_PIXEL = 80
+"""All arrays of the store and the EXR of one frame, before compression."""
+
+NEGATIVE = "plate: negative values that are read as 0"
+NO_DEPTH = "gbuffer: pixels inside the matte without depth"
+
+
+class InputChecks:
+    """Checks of one job.
+
+    Args:
+        resolved: the job, and the digests of its files.
+        progress: called while pictures are decoded.
+
+    Attributes:
+        facts: what checks found, by what they read.
+    """
+
+    def __init__(self, resolved: Resolved, progress: Progress = no_progress) -> None:
+        self._job, self._digests, self._progress = resolved.job, resolved.digests, progress
+        self.facts = FactCache(OutputFolder.of(self._job).run / "facts.json")
+
+    def form(self) -> list[str]:
+        """What is told in a moment: frames that are too many, sizes, room for the results; returns warnings.
+
+        Raises:
+            JobError: as said.
+        """
+        job = self._job
+        warnings = list(_extra_frames(job))
+        for pattern in (job.shot.plate.path, job.shot.gbuffer.path):
+            for frame in (frame for frame in job.frames if not self.facts.knows(self._frame_key(frame))):
+                shot_inputs.check_size(job, read_header(frame_path(job.root, pattern, frame)))
+        output = OutputFolder.of(job)
+        output.check(len(job.frames) * job.width * job.height * STORE_BYTES_PER_PIXEL // 2)
+        output.refuse_if_running()
+        return warnings
+
+    def content(self) -> list[str]:
+        """Decodes every picture, mesh and map that no earlier check has decoded; returns warnings.
+
+        Raises:
+            JobError: one of them cannot be used.
+        """
+        counts = Counter[str]()
+        try:
+            for done, found in enumerate(parallel_map(self._frame, self._job.frames, READERS), 1):
+                counts += Counter(found["counts"])
+                self._progress("Checking frames", done, len(self._job.frames))
+            warnings = [f"{what}: {count} in the shot" for what, count in sorted(counts.items())]
+            return warnings + list(self._maps())
+        finally:
+            self.facts.save()
+
+    def material_ranges(self) -> tuple[tuple[float, float], tuple[float, float]] | None:
+        """Smallest and largest roughness and metallic inside the mattes, of passes that the job brings; else None."""
+        found = [self._frame(frame)["range"] for frame in self._job.frames if self._job.shot.decompose.path]
+        ranges = np.array([one for one in found if one is not None])  # [frames, (least, most), (roughness, metallic)]
+        if not len(ranges):
+            return None
+        least, most = ranges[:, 0].min(axis=0).tolist(), ranges[:, 1].max(axis=0).tolist()
+        return (least[0], most[0]), (least[1], most[1])
+
+    def _frame(self, frame: int) -> dict[str, Any]:
+        fact: dict[str, Any] = self.facts.fetch(self._frame_key(frame), lambda: self._check_frame(frame))
+        return fact
+
+    def _check_frame(self, frame: int) -> dict[str, Any]:
+        """Decodes all of a frame's inputs; counts what is used although it is odd."""
+        job = self._job
+        plate = shot_inputs.read_plate(job, frame)
+        surface = shot_inputs.read_surface(job, frame, self._camera)
+        if job.shot.proxy:
+            read_mesh(frame_path(job.root, job.shot.proxy.path, frame))
+        inside = shot_inputs.read_passes(job, frame)[0][:, plate.matte > 0] if job.shot.decompose.path else None
+        if job.shot.flow.path and frame != job.frames[-1]:
+            shot_inputs.read_flow(job, frame)
+        shot_inputs.read_background(job, frame)
+        counts = {NEGATIVE: plate.clamped, NO_DEPTH: int(((plate.matte > 0.5) & (surface.z == 0)).sum())}
+        known = inside is not None and inside.size > 0
+        span = [inside.min(axis=1).tolist(), inside.max(axis=1).tolist()] if known and inside is not None else None
+        return {"counts": {what: count for what, count in counts.items() if count}, "range": span}
+
+    def _frame_key(self, frame: int) -> dict[str, Any]:
+        """Everything that the check of a frame depends on."""
+        job, shot = self._job, self._job.shot
+        patterns: dict[str, str | None] = {
+            "plate": shot.plate.path, "gbuffer": shot.gbuffer.path, "camera": shot.camera,
+            "proxy": shot.proxy.path if shot.proxy else None,
+            "background": shot.background.path if shot.background else None,
+            "flow": shot.flow.path if frame != job.frames[-1] else None,
+        }  # fmt: skip
+        patterns |= pass_patterns(shot.decompose.path) if shot.decompose.path else {}
+        files = {role: self._digests[str(frame_path(job.root, p, frame))] for role, p in patterns.items() if p}
+        return {
+            "check": "frame", "code": code_digest(), "files": files, "frame": frame, "size": [job.width, job.height],
+            "plate": shot.plate.colorspace, "background": shot.background.colorspace if shot.background else None,
+            "gbuffer": [shot.gbuffer.z, shot.gbuffer.normal, shot.gbuffer.normal_space],
+        }  # fmt: skip
+
+    @cached_property
+    def _camera(self) -> Camera:
+        return Camera.open(frame_path(self._job.root, self._job.shot.camera, 0))
+
+    def _maps(self) -> Iterable[str]:
+        """Decodes every map of both lights once."""
+        job = self._job
+        for role, light in (("light", job.shot.light), ("capture_light", job.shot.capture_light)):
+            pattern = light.path if light is not None else None
+            for path in dict.fromkeys(frame_path(job.root, pattern, f) for f in job.frames if pattern is not None):
+                key = {"check": "map", "code": code_digest(), "file": self._digests[str(path)]}
+                negative = self.facts.fetch(key, partial(_negative_values, path))
+                if negative:
+                    yield f"{role}: {negative} negative values in {path} are read as 0"
+
+
+def _negative_values(path: Path) -> int:
+    return shot_inputs.read_radiance(path)[1]
+
+
+@cache
+def code_digest() -> str:
+    """Digest of the modules that read and check inputs: after a change of theirs nothing is taken from memory."""
+    digest = hashlib.blake2b(digest_size=16)
+    for module in sorted([*Path(shot_inputs.__file__).parent.glob("*.py"), Path(__file__)]):
+        digest.update(module.read_bytes())
+    return digest.hexdigest()
+
+
+def inspect(resolved: Resolved) -> list[str]:
+    """Makes all checks; returns warnings.
+
+    Raises:
+        JobError: an input or the output folder cannot be used.
+    """
+    checks = InputChecks(resolved)
+    return checks.form() + checks.content()
+
+
+def _extra_frames(job: Job) -> Iterable[str]:
+    """Files of a sequence outside the job's range: most often a range that was typed wrong."""
+    for pattern in (job.shot.plate.path, job.shot.gbuffer.path):
+        extra = sorted(frames_on_disk(job.root, pattern) - set(job.frames))
+        if extra and job.shot.extra_frames == "refuse":
+            raise JobError(
+                f"{len(extra)} frames on disk are not in the range, first {extra[0]}",
+                f"{pattern}; frames: {job.shot.frames}", "a range that covers the sequence",
+                "widen `frames:`, or set `extra_frames: ignore`",
+            )  # fmt: skip
+        if extra:
+            yield f"{pattern}: {len(extra)} frames on disk are outside the range and ignored"

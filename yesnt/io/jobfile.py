@@ -109,7 +109,7 @@ def frame_path(root: str | Path, pattern: str, frame: int) -> Path:
 
 @lru_cache(maxsize=64)
 def _template(pattern: str) -> tuple[str, int, str] | None:
-    """What stands before a frame number, its digits, and what stands behind it; None without a frame number."""
+    """The text in front of a frame number, its digits, and the text behind it; None without a frame number."""
     sequence = _sequence(pattern)
     if not sequence.padding():
         return None

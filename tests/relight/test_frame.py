@@ -95,14 +95,6 @@ def test_a_block_shades_the_floor_below_it_and_the_bounce_fills_some_in():
     assert (open_.shadow == 1).all()
 
 
-def test_the_march_shades_what_lies_close_behind_and_not_what_lies_far_behind():
-    gbuffer, cam = sphere()
-    env = EnvMap.from_array(np.ones((16, 32, 3)))
-    shading = shade(gbuffer, env, cam, quality=DRAFT)
-    inside = gbuffer.opacity > 0
-    assert shading.shadow[inside].mean() > 0.9  # a convex body shades itself nowhere
-
-
 @pytest.mark.parametrize("shadows", [False, "single", True])
 @pytest.mark.parametrize("quality", ["draft", "standard"])
 def test_static_in_static_out(quality, shadows):

@@ -1,4 +1,4 @@
-"""Physically based relighting under an environment map (method.md section 5)."""
+"""Physically based relighting under an environment map (docs/method.md section 5)."""
 
 from yesnt.core.camera import Camera
 from yesnt.relight.envmap import EnvMap

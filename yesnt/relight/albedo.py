@@ -1,8 +1,9 @@
 """Directional albedo of the GGX lobe, and the energy terms that Cycles' Principled builds from it.
 
 Cycles scales a single-scattering GGX lobe by 1 + Fms (1 - E)/E with Fms = Fss Eavg / (1 - Fss (1 - Eavg)) (Kulla &
-Conty 2017 as in Turquin 2019) and lets the dielectric layer take its albedo from the diffuse below. The tables are
-integrals, computed once per process in a quarter of a second, so that no data file can disagree with the BRDF.
+Conty 2017 as in Turquin 2019) and multiplies the diffuse below the dielectric layer by 1 minus the albedo of the layer.
+The tables are integrals of the BRDF, computed once per process in a quarter of a second. So no data file can disagree
+with the BRDF. Source: docs/method.md section 5.
 """
 
 from __future__ import annotations
@@ -23,14 +24,16 @@ _SAMPLES = 1024
 
 @dataclass(frozen=True)
 class AlbedoTables:
-    """Indexed by roughness, then by sqrt(cos_o): the albedo changes fastest at grazing angles.
+    """Directional albedos of the GGX lobe, indexed by roughness, then by sqrt(cos_o), both evenly over [0, 1].
+
+    The square root samples grazing angles densely, where the albedo changes fastest.
 
     Attributes:
         white: [R, M] directional albedo E with F = 1.
-        dielectric: [R, M] with the Fresnel of IOR 1.5.
-        schlick: [R, M] with F = (1 - v.h)^5: split-sum's second term; the first is white - schlick.
-        average: [R] cosine-weighted mean of `white`.
-        fresnel_average: mean of the dielectric Fresnel, 2 int F c dc.
+        dielectric: [R, M] with the Fresnel reflectance of IOR 1.5.
+        schlick: [R, M] with F = (1 - cos_d)^5: the second term of the split sum; the first is white - schlick.
+        average: [R] Eavg, cosine-weighted mean of `white`.
+        fresnel_average: mean of the dielectric Fresnel reflectance, the integral of 2 F(c) c dc over [0, 1].
     """
 
     white: Float
@@ -40,7 +43,7 @@ class AlbedoTables:
     fresnel_average: float
 
     def lookup(self, table: Float, roughness: Float, cos_o: Float) -> Float:
-        """Bilinear value of a table [R, M] at roughness and cos_o, any shape."""
+        """Bilinear value of a table [R, M] at roughness and cos_o in [0, 1], arrays of one shape."""
         size_r, size_m = table.shape
         x = np.clip(roughness, 0, 1) * (size_r - 1)
         y = np.sqrt(np.clip(cos_o, 0, 1)) * (size_m - 1)
@@ -52,7 +55,7 @@ class AlbedoTables:
 
 
 def hammersley(count: int) -> tuple[Float, Float]:
-    """A fixed low-discrepancy set in the unit square: i/n and the bit-reversed i."""
+    """Hammersley's `count` points in the unit square: (i + 0.5) / n [n] and the bit-reversed i [n]."""
     bits = np.arange(count, dtype=np.uint64)
     reverse = np.zeros(count)
     scale = 0.5
@@ -65,7 +68,7 @@ def hammersley(count: int) -> tuple[Float, Float]:
 
 @cache
 def albedo_tables() -> AlbedoTables:
-    """The tables; computed on first use, the same bits in every process."""
+    """Computes the tables on first use; the same bits in every process."""
     roughness = np.linspace(0, 1, _SIZE)
     cosine = np.maximum(np.linspace(0, 1, _SIZE) ** 2, 1e-4)
     rows = [_row(float(alpha), cosine) for alpha in alpha_ggx(roughness)]
@@ -80,7 +83,7 @@ def albedo_tables() -> AlbedoTables:
 
 @cache
 def disney_albedo() -> Float:
-    """Directional albedo [R, M] of Burley's diffuse with base colour 1, indexed as the other tables are."""
+    """Directional albedo [R, M] of Burley's diffuse with base colour 1, indexed as `AlbedoTables`."""
     roughness, cos_o = np.linspace(0, 1, _SIZE)[:, None, None], np.linspace(0, 1, _SIZE)[None, :, None] ** 2
     u1, u2 = hammersley(_SAMPLES)
     cos_i, azimuth = np.sqrt(u1), np.cos(2 * np.pi * u2)  # cosine-weighted directions
@@ -90,7 +93,7 @@ def disney_albedo() -> Float:
 
 
 def _row(alpha: float, cosine: Float) -> tuple[Float, Float, Float]:
-    """Mean of G2/G1 F over normals visible from `cosine` [M] (Heitz 2018): the directional albedos [M]."""
+    """Directional albedos [M] for F = 1, dielectric and Schlick: means of F G2/G1 over visible normals (Heitz 2018)."""
     u1, u2 = hammersley(_SAMPLES)
     view = np.stack([np.sqrt(1 - cosine**2), np.zeros_like(cosine), cosine], axis=-1)[:, None, :]
     half = _visible_normals(view, alpha, u1, u2)
@@ -105,7 +108,7 @@ def _row(alpha: float, cosine: Float) -> tuple[Float, Float, Float]:
 
 
 def _visible_normals(view: Float, alpha: float, u1: Float, u2: Float) -> Float:
-    """Half vectors [M, S, 3] distributed as GGX's visible normals (Heitz 2018, listing 1); views lie in x-z."""
+    """Samples [M, S, 3] of GGX's visible normals (Heitz 2018, listing 1) for views [M, 1, 3] in the x-z plane."""
     stretched = view * np.array([alpha, alpha, 1.0])
     stretched = stretched / np.linalg.norm(stretched, axis=-1, keepdims=True)
     first = np.array([0.0, 1.0, 0.0])
@@ -123,13 +126,13 @@ def _visible_normals(view: Float, alpha: float, u1: Float, u2: Float) -> Float:
 
 @dataclass(frozen=True)
 class EnergyTerms:
-    """Per-pixel factors of `brdf="default"`.
+    """Energy factors of `brdf="default"`, per pixel.
 
     Attributes:
-        missing: [...] (1 - E)/E of the white lobe.
-        average: [...] Eavg.
-        dielectric: [...] compensation factor of the dielectric lobe.
-        layer: [...] what the dielectric layer leaves to the diffuse.
+        missing: [...] (1 - E) / E of the white lobe: what single scattering loses, over what it keeps.
+        average: [...] Eavg, mean albedo of the white lobe.
+        dielectric: [...] multiple-scattering factor of the dielectric lobe.
+        layer: [...] share of light that passes the dielectric layer to the diffuse below.
     """
 
     missing: Float
@@ -139,7 +142,7 @@ class EnergyTerms:
 
 
 def energy_terms(roughness: Float, cos_o: Float) -> EnergyTerms:
-    """Looks the factors up for roughness and n.v of any one shape."""
+    """Looks up the energy factors for roughness and cos_o in [0, 1], arrays of one shape."""
     tables = albedo_tables()
     white = np.maximum(tables.lookup(tables.white, roughness, cos_o), 1e-3)
     average = np.interp(np.clip(roughness, 0, 1), np.linspace(0, 1, len(tables.average)), tables.average)
@@ -150,5 +153,5 @@ def energy_terms(roughness: Float, cos_o: Float) -> EnergyTerms:
 
 
 def multiple_scattering(f_single: Float, average: Float) -> Float:
-    """Fms: colour of light that bounced more than once between microfacets (Kulla & Conty 2017, slide 17)."""
+    """Fms = Fss Eavg / (1 - Fss (1 - Eavg)): reflectance of light scattered more than once (Kulla & Conty 2017)."""
     return f_single * average / (1 - f_single * (1 - average))

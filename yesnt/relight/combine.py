@@ -1,4 +1,8 @@
-"""From lobe sums to colour, and back: relighting and the removal of the capture light are the same linear form."""
+"""From lobe sums to radiance, and from radiance to base colour.
+
+The BRDF is linear in the base colour, up to a weak factor of metals, so the removal of the capture light inverts the
+form that relighting evaluates. Source: docs/method.md section 5.
+"""
 
 from __future__ import annotations
 
@@ -16,23 +20,23 @@ from yesnt.relight.points import Pixels
 F32 = NDArray[np.float32]
 
 _LEAST_RESPONSE = 1e-3
-"""Radiance per unit base colour below which a plate pixel tells nothing about the base colour."""
+"""Radiance per unit base colour below which a pixel of the plate does not tell the base colour."""
 
 _METAL_PASSES = 3  # the metal's compensation factor depends weakly on the base colour: 1e-4 after three passes
 
 
 @dataclass(frozen=True)
 class Response:
-    """Radiance as a function of the base colour b, per pixel and channel, all [P, 3].
+    """Radiance of P pixels as a function of their base colour b, per channel, all [P, 3].
 
-    diffuse = b * diffuse;  specular = fixed + factor(b) * (b * metal_f0 + metal_f90).
+    L_diffuse = b * diffuse;  L_specular = fixed + factor(b) * (b * metal_f0 + metal_f90).
 
     Attributes:
-        diffuse: what the base colour multiplies in the diffuse.
-        fixed: specular that does not depend on the base colour.
-        metal_f0: part of the metallic lobe that F0 multiplies.
-        metal_f90: the rest of it.
-        average: [P] mean albedo of the lobe, 1 for `brdf="paper"`.
+        diffuse: diffuse radiance for b = 1.
+        fixed: specular radiance that does not depend on b.
+        metal_f0: part of the metallic lobe that F0 = b multiplies.
+        metal_f90: the rest of that lobe.
+        average: [P] Eavg of the lobe, 1 for `brdf="paper"`.
         missing: [P] (1 - E)/E, 0 for `brdf="paper"`.
     """
 
@@ -44,19 +48,19 @@ class Response:
     missing: F32
 
     def metal_factor(self, base_color: F32) -> F32:
-        """Multiple-scattering factor of the metallic lobe [P, 3]."""
+        """Multiple-scattering factor [P, 3] of the metallic lobe for base colours [P, 3]."""
         f_single = base_color + (1 - base_color) / 21.0  # mean of Schlick's Fresnel
         return 1 + multiple_scattering(f_single, self.average[:, None]) * self.missing[:, None]
 
     def specular(self, base_color: F32) -> F32:
-        """Specular radiance [P, 3]."""
+        """Specular radiance [P, 3] for base colours [P, 3]."""
         return self.fixed + self.metal_factor(base_color) * (base_color * self.metal_f0 + self.metal_f90)
 
     def base_color(self, plate: F32) -> F32:
-        """The b in [0, 1] whose radiance is `plate` [P, 3]: the inverse of `b * diffuse + specular(b)`.
+        """Base colour [P, 3] in [0, 1] whose radiance is `plate` [P, 3]: the inverse of b * diffuse + specular(b).
 
-        Where the response is below 1e-3 of the brightest possible (a black corner) the plate holds no colour: the
-        denominator is held there, so that b fades to 0 instead of blowing up noise. b above 1 would create energy.
+        Where the response is below 1e-3 (a black corner) the plate does not tell the colour. The denominator is clamped
+        there, so that b goes to 0 instead of amplifying noise. b is clamped to 1, above which it would create energy.
         """
         b = np.clip(plate, 0, 1)
         for _ in range(_METAL_PASSES):
@@ -67,10 +71,15 @@ class Response:
 
 
 def response(sums: F32, pixels: Pixels, brdf: str) -> Response:
-    """Weights the lobe sums [P, 20] as the BRDF does.
+    """Weights lobe sums [P, 20] as the BRDF does.
 
-    `paper`: F0 = 0.04 (1 - m) + b m for one lobe. `default`: the metallic share of a metal, the rest of a dielectric
-    under its own layer, each compensated for multiple scattering.
+    "paper": one lobe with F0 = 0.04 (1 - m) + b m. "default": the share m of a metal and 1 - m of a diffuse under a
+    dielectric layer, each compensated for multiple scattering.
+
+    Args:
+        sums: of `frame.integrate`.
+        pixels: P pixels.
+        brdf: "paper" or "default".
     """
     metallic = pixels.metallic
     m, shown = metallic[:, None], 1 - metallic[:, None]
@@ -92,10 +101,16 @@ def response(sums: F32, pixels: Pixels, brdf: str) -> Response:
 
 
 def normalise(sums: F32, pixels: Pixels, part: slice, diffuse: str = "lambert") -> F32:
-    """Rescales each lobe so that uniform white gives its exact albedo, [P, 20].
+    """Rescales each lobe so that uniform white gives its exact albedo; returns sums [P, 20].
 
-    The sum then is a mean of the light, weighted by the lobe, times a tabulated integral: a lobe narrower than the
-    texels sees the texel that it points at instead of all or nothing of it, and a white furnace stays white.
+    A sum is then a mean of the light, weighted by the lobe, times a tabulated albedo. A lobe narrower than the texels
+    sees the texel that it points to instead of all or nothing of it, and a white furnace stays white.
+
+    Args:
+        sums: [P, 20] of `kernels.sum_lobes`.
+        pixels: of the frame.
+        part: range of P pixels.
+        diffuse: "lambert" or "disney".
     """
     tables, roughness, cos_o = albedo_tables(), pixels.roughness[part], pixels.cos_o[part]
     white, dielectric, schlick = (
@@ -109,7 +124,14 @@ def normalise(sums: F32, pixels: Pixels, part: slice, diffuse: str = "lambert") 
 
 
 def shadow_ratio(sums: F32, pixels: Pixels, base_color: F32, brdf: str) -> F32:
-    """Luminance that reaches the camera over what would if nothing were occluded, [P] in [0, 1]; 1 where both are 0."""
+    """Luminance that reaches the camera over that without occlusion, [P] in [0, 1]; 1 where both are 0.
+
+    Args:
+        sums: [P, 20] lobe sums.
+        pixels: P pixels.
+        base_color: [P, 3].
+        brdf: "paper" or "default".
+    """
     lit, free = (
         luminance(base_color * weights.diffuse + weights.specular(base_color))
         for weights in (response(grey, pixels, brdf) for grey in (_grey_sums(sums), _open_sums(sums)))
@@ -118,11 +140,11 @@ def shadow_ratio(sums: F32, pixels: Pixels, base_color: F32, brdf: str) -> F32:
 
 
 def _grey_sums(sums: F32) -> F32:
-    """The sums of what arrives, their luminance in all three channels."""
+    """Sums [P, 12] of the light with occlusion, as luminance in all three channels."""
     weights = np.asarray(LUMINANCE_REC709, dtype=np.float32)
     return np.repeat(sums[:, :12].reshape(-1, 4, 3) @ weights, 3, axis=1)
 
 
 def _open_sums(sums: F32) -> F32:
-    """The sums of the unoccluded light, its luminance in all three channels."""
+    """Sums [P, 12] of the light without occlusion, as luminance in all three channels."""
     return np.repeat(sums[:, OPEN_LIGHT], 3, axis=1)

@@ -1,7 +1,7 @@
-"""Lat-long environment maps: conventions by name, rotation, exact solid angles, downsampling that keeps energy.
+"""Lat-long environment maps: named conventions, rotation, exact solid angles, downsampling that keeps energy.
 
-Inside the product every map is Blender's (method.md section 1): Z up, row 0 up, the centre column looks along +X and
-u = 0.25 along +Y. Other conventions are converted once, when the map is read.
+Internally every map has Blender's layout (docs/method.md section 1): Z up, row 0 up, the centre column looks along +X
+and u = 0.25 along +Y. Other conventions are converted once, when the map is read.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ CONVENTIONS = MappingProxyType({"blender": 0.0, "opengl": 0.25, "mitsuba": -0.25
 """Convention -> u of that map minus u of Blender's map, in turns, for the same world direction.
 
 `opengl` (nvdiffrec, glTF viewers) is Y-up with its centre along -Z; `mitsuba` is Y-up with its centre along +Z. Y-up
-worlds become Z-up as every glTF importer does it: (x, y, z) -> (x, -z, y). All are seen from inside: no mirror.
+worlds become Z-up as in glTF importers: (x, y, z) -> (x, -z, y). All maps are seen from inside: none is mirrored.
 """
 
 
-@dataclass(frozen=True, eq=False)  # a map is itself: comparing megabytes would never be meant
+@dataclass(frozen=True, eq=False)  # compared by identity: a comparison of megabytes is never meant
 class EnvMap:
-    """Radiance that arrives from infinitely far.
+    """Radiance from infinitely far away, as a lat-long map.
 
     Attributes:
         radiance: [h, w, 3] float32, scene-linear Rec.709, finite and >= 0, Blender's layout.
@@ -44,7 +44,12 @@ class EnvMap:
 
     @classmethod
     def from_array(cls, radiance: ArrayLike, convention: str = "blender") -> EnvMap:
-        """Wraps an array [h, w, 3]; NaN and negative radiance become 0, infinite becomes the largest finite one.
+        """Makes a map from an array.
+
+        Args:
+            radiance: [h, w, 3] scene-linear Rec.709; NaN and negative values become 0, infinite ones the largest
+                finite value.
+            convention: a key of CONVENTIONS.
 
         Raises:
             JobError: the shape is not [h, w, 3] or the convention is unknown.
@@ -61,7 +66,11 @@ class EnvMap:
 
     @classmethod
     def open(cls, path: str | Path, convention: str = "blender") -> EnvMap:
-        """Reads an EXR's R, G, B.
+        """Reads the channels R, G, B of an EXR file.
+
+        Args:
+            path: the file.
+            convention: a key of CONVENTIONS.
 
         Raises:
             JobError: a colour channel is absent, or as `from_array`.
@@ -87,13 +96,16 @@ class EnvMap:
         return replace(self, radiance=self.radiance * np.minimum(1, most / np.maximum(top, 1e-30)).astype(np.float32))
 
     def seen_from(self, offset: Sequence[float], distance: float) -> EnvMap:
-        """The map as it looks from `offset` [3] world metres beside its place, if all it shows is `distance` away.
+        """The map as seen from another place, if everything it shows lies on a sphere around its own place.
 
-        What it shows is taken to lie on a sphere (parallax correction, Lagarde & Zanuttini 2012): a lamp that one walks
-        towards grows.
+        Parallax correction after Lagarde & Zanuttini 2012: a lamp grows as one moves towards it.
+
+        Args:
+            offset: [3] the other place minus that of the map, world metres.
+            distance: radius of the sphere, metres.
 
         Raises:
-            JobError: the offset leads out of that sphere.
+            JobError: the offset leads out of the sphere.
         """
         place = np.asarray(offset, dtype=np.float64)
         if not np.linalg.norm(place) < distance:
@@ -126,14 +138,14 @@ class EnvMap:
 
 
 def sanitise(radiance: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Finite, non-negative copy: a single NaN or negative texel of a merged HDR would spread over every pixel."""
+    """Finite, non-negative copy [h, w, 3]: one NaN or negative texel of a merged HDR would spread to every pixel."""
     finite = radiance[np.isfinite(radiance)]
     top = float(max(finite.max(initial=0.0), 0.0))
     return np.clip(np.nan_to_num(radiance, nan=0.0, posinf=top, neginf=0.0), 0.0, None).astype(np.float32)
 
 
 def roll_turns(radiance: NDArray[np.float32], turns: float) -> NDArray[np.float32]:
-    """Moves content by `turns` of the width to the right; fractions of a texel are interpolated."""
+    """Shifts a map [h, w, 3] to the right by `turns` of its width; fractions of a texel are interpolated."""
     width = radiance.shape[1]
     shift = turns * width
     whole = int(np.floor(shift))
@@ -145,7 +157,7 @@ def roll_turns(radiance: NDArray[np.float32], turns: float) -> NDArray[np.float3
 
 
 def rotation_matrix(angles: Sequence[float]) -> NDArray[np.float64]:
-    """Rx(roll) Ry(pitch) Rz(yaw) from degrees (yaw, pitch, roll): yaw about +Z is applied first."""
+    """Matrix [3, 3] Rx(roll) Ry(pitch) Rz(yaw) of angles (yaw, pitch, roll), degrees: yaw about +Z is applied first."""
     (cz, cy, cx), (sz, sy, sx) = np.cos(np.radians(angles)), np.sin(np.radians(angles))
     about_z = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
     about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
@@ -154,7 +166,7 @@ def rotation_matrix(angles: Sequence[float]) -> NDArray[np.float64]:
 
 
 def direction_to_uv(direction: Float) -> tuple[Float, Float]:
-    """Blender's mapping: u = 0.5 - atan2(y, x)/(2 pi), v = acos(z)/pi; directions [..., 3] of any length."""
+    """Blender's mapping u = 0.5 - atan2(y, x) / (2 pi), v = acos(z) / pi of directions [..., 3] of any length."""
     x, y, z = np.moveaxis(np.asarray(direction, dtype=np.float64), -1, 0)
     return (0.5 - np.arctan2(y, x) / (2 * np.pi)) % 1.0, np.arctan2(np.hypot(x, y), z) / np.pi
 
@@ -167,7 +179,7 @@ def uv_to_direction(u: ArrayLike, v: ArrayLike) -> NDArray[np.float64]:
 
 
 def bilinear_wrapped(image: NDArray[np.float32], u: Float, v: Float) -> Float:
-    """Bilinear sample of [h, w, 3] at u, v in [0, 1]: u wraps, v is held at the poles."""
+    """Bilinear samples [..., 3] of an image [h, w, 3] at u, v [...] in [0, 1]; u wraps, v is clamped at the poles."""
     height, width = image.shape[:2]
     x, y = u * width - 0.5, np.clip(v * height - 0.5, 0, height - 1)
     x0, y0 = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
@@ -179,18 +191,20 @@ def bilinear_wrapped(image: NDArray[np.float32], u: Float, v: Float) -> Float:
 
 
 def row_solid_angles(height: int, width: int) -> NDArray[np.float64]:
-    """Exact solid angle of one texel of each row [h], sr: (2 pi / w)(cos v_top - cos v_bottom)."""
+    """Exact solid angle [h], sr, of one texel of each row: (2 pi / w) (cos v_top - cos v_bottom)."""
     edges = np.cos(np.pi * np.arange(height + 1) / height)
     return 2 * np.pi / width * (edges[:-1] - edges[1:])
 
 
 def cell_moments(env: EnvMap, size: tuple[int, int]) -> NDArray[np.float64]:
-    """What a map holds in the cells of a grid of `size` (rows, columns), in the map's axes, energy kept exactly.
+    """Integrals of a map over the cells of a lat-long grid of `size` (rows, columns), in the axes of the map.
+
+    Energy is kept exactly. Within its texels the map is constant. Cells are made a row at a time, so that an 8K map
+    needs no more memory than the map itself.
 
     Returns:
-        [rows, columns, 10]: energy (radiance times solid angle, exposed) R, G, B; luminance times direction; solid
-        angle; solid angle times direction. A map with fewer rows is taken as flat within its texels. Works a row of
-        cells at a time, so that an 8K map costs no more memory than itself.
+        [rows, columns, 10]: energy (radiance times solid angle, with exposure) R, G, B; luminance times solid angle
+        times direction x, y, z; solid angle, sr; solid angle times direction x, y, z.
     """
     radiance = env.radiance
     repeat = [max(1, -(-size // have)) for size, have in zip(size, radiance.shape[:2], strict=True)]
@@ -210,7 +224,7 @@ def cell_moments(env: EnvMap, size: tuple[int, int]) -> NDArray[np.float64]:
 
 
 def _row_shares(height: int, rows: int) -> list[tuple[NDArray[np.int64], NDArray[np.float64]]]:
-    """Fine rows that touch each coarse row and the share of their solid angle that lies in it."""
+    """Per coarse row: the fine rows that touch it, and the shares of their solid angle that lie in it."""
     fine = -np.cos(np.pi * np.arange(height + 1) / height)
     coarse = -np.cos(np.pi * np.arange(rows + 1) / rows)
     result = []
@@ -222,7 +236,7 @@ def _row_shares(height: int, rows: int) -> list[tuple[NDArray[np.int64], NDArray
 
 
 def overlap(fine: NDArray[np.float64], coarse: NDArray[np.float64]) -> NDArray[np.float64]:
-    """[coarse cells, fine cells]: the share of each fine cell that lies in each coarse cell; edges ascending."""
+    """Share [coarse, fine] of each fine cell that lies in each coarse cell; `fine` and `coarse` are ascending edges."""
     low = np.maximum(coarse[:-1, None], fine[None, :-1])
     high = np.minimum(coarse[1:, None], fine[None, 1:])
     return np.clip(high - low, 0, None) / (fine[1:] - fine[:-1])[None, :]

@@ -1,9 +1,10 @@
-"""A guess of the light that a plate was shot under, from the shot itself, for when no capture map is given.
+"""Estimates the capture light from the shot itself, if no capture map is given.
 
-Pixels of one chromaticity are taken to share one albedo; what then varies with the normal is irradiance. It is fitted
+Pixels of one chromaticity are assumed to share one albedo; their radiance then varies with the irradiance. It is fitted
 as spherical harmonics of bands 0-2, which hold 99 % of any irradiance (Ramamoorthi & Hanrahan 2001). Albedo and light
-are known only up to a factor per channel, so the mean radiance is set to 1 in each: the guess holds its shape, not
-its colour. Occlusion and texture look like a weak gradient: a weak fit is given up for the uniform light.
+are determined only up to a factor per channel, so the mean radiance is set to 1 in each: the estimate has the shape of
+the light and not its colour. Occlusion and texture look like a weak gradient, so that a weak fit is replaced by the
+uniform light.
 """
 
 from __future__ import annotations
@@ -19,23 +20,23 @@ from yesnt.relight.points import Surface, gather_pixels
 
 Float = NDArray[np.float64]
 
-_BINS = 32  # of each chromaticity
-_LEAST_SHARE = 0.005  # of the pixels: smaller groups are edges and noise
-_STIFFNESS = 0.3  # of the mean square, on bands 1-2: a camera sees half of all normals, the rest must not run away
+_BINS = 32  # per axis of the histogram of chromaticity
+_LEAST_SHARE = 0.005  # of all pixels: smaller groups are edges and noise
+_STIFFNESS = 0.3  # ridge on bands 1-2, of the mean square: a camera sees half of all normals
 _PASSES = 12
-_LEAST_GRADIENT = 0.09  # of band 1 over band 0: nearly even lights fitted 0.03 and 0.06, directed ones 0.12 and more
-_FLOOR = 0.05  # of the mean radiance: truncated harmonics ring below 0
+_LEAST_GRADIENT = 0.09  # of band 1 over band 0: nearly even lights measured 0.03 and 0.06, directed ones 0.12 or more
+_FLOOR = 0.05  # least radiance, of the mean: truncated harmonics ring below 0
 
 
 def estimate_capture(plates: Sequence[NDArray[np.floating]], surfaces: Sequence[Surface]) -> EnvMap:
-    """Fits the light of a few frames of a shot.
+    """Fits the capture light of a few frames of a shot.
 
     Args:
-        plates: [H, W, 3] straight scene-linear, one a frame.
-        surfaces: their normals and opacity; materials are not used.
+        plates: [H, W, 3] straight scene-linear Rec.709, one per frame.
+        surfaces: their G-buffers; normals and opacity are read.
 
     Returns:
-        A 16 x 32 map of mean radiance 1; uniform where the frames hold too little to tell.
+        A 16 x 32 map of mean radiance 1; uniform if the frames do not determine the light.
     """
     colour, normal = _samples(plates, surfaces)
     group = _groups(colour)
@@ -50,6 +51,7 @@ def estimate_capture(plates: Sequence[NDArray[np.floating]], surfaces: Sequence[
 
 
 def _samples(plates: Sequence[NDArray[np.floating]], surfaces: Sequence[Surface]) -> tuple[Float, Float]:
+    """Colours [N, 3] and normals [N, 3] of the fully covered pixels that are not black."""
     colours, normals = [np.zeros((0, 3))], [np.zeros((0, 3))]
     for plate, surface in zip(plates, surfaces, strict=True):
         pixels = gather_pixels(surface)
@@ -62,9 +64,10 @@ def _samples(plates: Sequence[NDArray[np.floating]], surfaces: Sequence[Surface]
 
 
 def _groups(colour: Float) -> NDArray[np.int64]:
-    """Number of the peak of the chromaticity histogram that each pixel climbs to, -1 for small peaks.
+    """Group [N] of each colour [N, 3]: the peak of the chromaticity histogram that it climbs to; -1 for small peaks.
 
-    Highlights pull a material's pixels towards white; climbing keeps them with it where a fixed grid would part them.
+    Highlights shift the pixels of a material towards white. Hill climbing keeps them in one group, where the cells of a
+    fixed grid would separate them.
     """
     share = colour[:, :2] / np.maximum(colour.sum(axis=1, keepdims=True), 1e-9)
     cell = (np.clip(share, 0, 0.999) * _BINS).astype(np.int64) @ np.array([_BINS, 1])
@@ -80,7 +83,7 @@ def _groups(colour: Float) -> NDArray[np.int64]:
 
 
 def _fit(colour: Float, harmonics: Float, group: NDArray[np.int64]) -> Float:
-    """Alternates albedos [G, 3] and coefficients [9, 3] of irradiance over its mean; both steps are least squares."""
+    """Coefficients [9, 3] of irradiance over its mean; alternates least squares for them and for albedos per group."""
     coefficients = np.zeros((TERMS, 3))
     coefficients[0] = 1 / harmonics[0, 0]
     stiff = _STIFFNESS * np.diag([0.0] + [1.0] * (TERMS - 1))
@@ -99,7 +102,7 @@ def _fit(colour: Float, harmonics: Float, group: NDArray[np.int64]) -> Float:
 
 
 def _map(coefficients: Float) -> EnvMap:
-    """Radiance 1 on average whose irradiance has these coefficients relative to band 0."""
+    """Map of mean radiance 1 whose irradiance has the coefficients [9, 3], relative to band 0."""
     direction = uv_to_direction((np.arange(32)[None, :] + 0.5) / 32, (np.arange(16)[:, None] + 0.5) / 16)
     harmonics = basis(direction)
     band = np.repeat(BANDS, [1, 3, 5]) / BANDS[0]

@@ -1,4 +1,4 @@
-"""The library's door: a G-buffer of known base colour under an env map (contract.md)."""
+"""Public entry: lights a G-buffer of known base colour by an environment map (docs/contract.md)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ F32 = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class GBuffer:
-    """Images of one frame, straight.
+    """Images of one frame, straight (not multiplied by opacity).
 
     Attributes:
         base_color: [H, W, 3] linear Rec.709, 0..1.
@@ -42,12 +42,12 @@ class GBuffer:
 
 @dataclass(frozen=True)
 class Shading:
-    """Straight images, 0 where the opacity is 0.
+    """Result of `shade`: straight images, scene-linear Rec.709, 0 where the opacity is 0.
 
     Attributes:
         diffuse: [H, W, 3] radiance.
         specular: [H, W, 3] radiance.
-        shadow: [H, W] lit over unshadowed luminance, 0..1.
+        shadow: [H, W] luminance over that without occlusion, 0..1.
         radiance: [H, W, 3] diffuse + specular.
     """
 
@@ -66,16 +66,16 @@ def shade(
     brdf: Brdf = "default",
     frame: int | None = None,
 ) -> Shading:
-    """Lights a G-buffer; without a proxy, shadows are marched against its z.
+    """Lights a G-buffer; shadows are marched in its depth buffer.
 
     Args:
         gbuffer: images of one frame.
         env: the light.
-        camera: of the images' size.
-        quality: a name, or settings of which `shadows` and `brdf` are replaced by the arguments here.
-        shadows: False: none; "single": the paper's one factor; True: one visibility per light cluster.
-        brdf: "paper": exactly the plain formula of method.md section 5; "default": with the terms that match Cycles.
-        frame: which pose of the camera; None: the first.
+        camera: pinhole camera of the size of the images.
+        quality: a named quality, or settings whose `shadows` and `brdf` are replaced by the arguments.
+        shadows: False: none; "single": the paper's one factor per pixel; True: one visibility per light cluster.
+        brdf: "paper": the plain formula of docs/method.md section 5; "default": with the terms that match Cycles.
+        frame: frame number of the camera's pose; None: the first.
 
     Raises:
         JobError: sizes differ, or a name is unknown.
@@ -94,5 +94,5 @@ def shade(
 
 @lru_cache(maxsize=2)
 def _prepared(env: EnvMap, settings: RelightSettings) -> PreparedLight:
-    """A shot asks for the same map frame after frame."""
+    """Prepares a map once for the frames of a shot; bounded by two maps."""
     return prepare_relight(env, settings)

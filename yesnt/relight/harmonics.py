@@ -1,4 +1,4 @@
-"""Spherical harmonics of bands 0-2 and what a clamped cosine makes of them (Ramamoorthi & Hanrahan 2001)."""
+"""Real spherical harmonics of bands 0-2, and their convolution with a clamped cosine (Ramamoorthi & Hanrahan 2001)."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ from numpy.typing import NDArray
 Float = NDArray[np.floating]
 
 BANDS = (np.pi, 2 * np.pi / 3, np.pi / 4)
-"""Irradiance over radiance, per band."""
+"""Coefficient of irradiance over that of radiance, per band."""
 
 TERMS = 9
+"""Number of harmonics of bands 0-2."""
 
 
 def basis(direction: Float) -> NDArray[np.float64]:
-    """Real orthonormal harmonics [..., 9] of unit directions [..., 3], bands 0-2, m ascending."""
+    """Values [..., 9] of the orthonormal harmonics in unit directions [..., 3]; bands 0-2, m ascending."""
     x, y, z = np.moveaxis(np.asarray(direction, dtype=np.float64), -1, 0)
     first, second = np.sqrt(3 / (4 * np.pi)), 0.5 * np.sqrt(15 / np.pi)
     values = [

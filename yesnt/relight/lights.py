@@ -1,4 +1,7 @@
-"""An env map made ready once per process: texels of several sizes, clusters for visibility, cones for culling."""
+"""An environment map prepared for the kernels: texels of several sizes, clusters for visibility, cones for culling.
+
+Source: docs/method.md section 5 (one visibility per light cluster); docs/relight.md.
+"""
 
 from __future__ import annotations
 
@@ -17,28 +20,28 @@ F32 = NDArray[np.float32]
 Float = NDArray[np.float64]
 
 COARSE = 64
-"""Clusters that light the proxy's triangles: what bounces is a small, smooth part of the result."""
+"""Clusters that light the triangles of the proxy: indirect radiance is a small, smooth part of the result."""
 
 GRID_ROWS = 128
-"""Rows of the finest grid that texels are cut from: 1.4 degrees, finer than one visibility can tell."""
+"""Rows of the finest grid that texels are cut from, unless the caller asks for another: 1.4 degrees per cell."""
 
 EVEN = 128
-"""Clusters from which one that the horizon cuts is taken for an even square. Fewer are too large: beside a bright side
-light leaks to normals that see hardly any (tests/relight/test_irradiance.py bounds what is left)."""
+"""Number of clusters from which a cluster that the horizon cuts is taken for an even square. Fewer are too large: light
+of a bright side leaks to normals that receive hardly any (tests/relight/test_irradiance.py bounds the error)."""
 
 DETAIL = 0.45
-"""Angular size of a texel over the width of the lobe where it lies, at most, unless a quality says otherwise."""
+"""Default of `PreparedLight.detail`."""
 
 
 @dataclass(frozen=True)
 class Clusters:
-    """Parts of a map that are told apart by one direction each.
+    """C parts of a map, each represented by one direction.
 
     Attributes:
         direction: [3, C] unit, world; luminance centroid.
         energy: [3, C] radiance times solid angle.
         solid_angle: [C] sr.
-        reach: [C] sine of the angular radius: how far below a horizon the centre may lie while a part is above.
+        reach: [C] sine of the angular radius: how far below the horizon the centre may lie while a part is above it.
         spread: [C] angular variance of the cluster's light, rad^2.
     """
 
@@ -53,27 +56,27 @@ class Clusters:
         return self.direction.shape[1]
 
     def nearest(self, direction: F32) -> NDArray[np.int32]:
-        """The cluster that each unit direction [N, 3] lies in: the nearest one, counted in its own angular radii."""
+        """Cluster [N] that each unit direction [N, 3] lies in: the nearest one, in units of its own angular radius."""
         apart = (1 - direction @ self.direction) / self.solid_angle
         return apart.argmin(axis=1).astype(np.int32)
 
 
 @dataclass(frozen=True, eq=False)
 class PreparedLight:
-    """A map as the kernels read it.
+    """A map as the kernels read it, with C clusters.
 
     Attributes:
-        texels: at every level.
-        clusters: directions that each have one visibility.
-        coarse: fewer of them, for the light that the proxy's triangles receive.
-        cone: [4, C] axis and sine of the half angle of every cluster (2: wider than a hemisphere).
+        texels: at all levels of detail.
+        clusters: parts of the map that each have one visibility.
+        coarse: fewer clusters, for the light that the triangles of the proxy receive.
+        cone: [4, C] axis (unit, world) and sine of the half angle of every cluster; sine 2: wider than a hemisphere.
         moment: [12, C] energy times direction (r x, r y, r z, g x, ...) and solid angle times direction of every
             cluster: the irradiance of a cluster above the horizon is linear in the normal.
         edge: [8, C] half the width over which a cluster passes the horizon, times its energy (r, g, b) and solid angle,
             then half of the inverse of each one's root, 0 where there is none. [8, 0] of fewer than EVEN clusters.
-        detail: angular size of a texel over the width of the lobe where it lies, at most.
-        env: the map itself.
-        shadow_error: predicted display error of one visibility a cluster.
+        detail: largest angular size of a texel over the width of the lobe there.
+        env: the map.
+        shadow_error: predicted display error of one visibility per cluster (relight/predict.py).
     """
 
     texels: Texels
@@ -96,12 +99,19 @@ def prepare_light(
     detail: float = DETAIL,
     error: float = 0.0,
 ) -> PreparedLight:
-    """Cuts a map into `clusters` and these into `texels`, on a grid of at most `rows` x 2 `rows` cells.
+    """Cuts a map into clusters and these into texels, on a lat-long grid of cells.
 
-    With an `error` above 0 there are fewer clusters where their predicted error allows it (relight/predict.py).
-    A map of no more rows is cut along its own texels; one of fewer than `least` rows is first subdivided. With enough
-    `texels` every cell is one, and no lobe is treated otherwise than the others. The sum of energy equals the map's to
-    rounding at any setting. Pure: the same map gives the same bits.
+    A map of no more than `rows` rows is cut along its own texels. The sum of energy equals that of the map to rounding
+    at any setting. Pure: the same map gives the same bits.
+
+    Args:
+        env: the map.
+        texels: number of texels of level 0, about; with at least one per cell there is only that level.
+        clusters: largest number of clusters.
+        rows: largest number of rows of the grid, which has twice as many columns.
+        least: a map of fewer rows is first subdivided to so many.
+        detail: largest angular size of a texel over the width of a lobe.
+        error: display error that fewer clusters may cost by prediction; 0 makes all clusters.
     """
     height, width = env.radiance.shape[:2]
     moments = cell_moments(env, (min(rows, max(height, least)), min(2 * rows, max(width, 2 * least))))
@@ -126,11 +136,13 @@ def prepare_light(
 
 
 def _hull(boxes: list[Box]) -> Box:
+    """Smallest box that holds all boxes."""
     a, b, c, d = zip(*boxes, strict=True)
     return min(a), max(b), min(c), max(d)
 
 
 def _clusters(moments: Float, boxes: list[Box], env: EnvMap) -> Clusters:
+    """Clusters of boxes of cells, turned to world axes."""
     sums = box_sums(moments, boxes)
     solid = sums[:, 6]
     reach = np.minimum(1.5 * np.sqrt(solid / np.pi), 1.0)  # 1.5: boxes up to about 2:1 fit inside
@@ -140,12 +152,12 @@ def _clusters(moments: Float, boxes: list[Box], env: EnvMap) -> Clusters:
 
 
 def uniform_light(radiance: float = 1.0) -> EnvMap:
-    """The capture light that is assumed when none is given: the same radiance from everywhere."""
+    """Map of one radiance from everywhere: the capture light that is assumed if none is given."""
     return EnvMap.from_array(np.full((16, 32, 3), radiance, dtype=np.float32))
 
 
 def _cones(texels: Texels) -> F32:
-    """Axis and sine of the half angle of every cluster [4, C]: 2 where it fills a hemisphere."""
+    """`PreparedLight.cone`, from the texels of the first and last level."""
     levels = [(texels.level(i), texels.owner(i)) for i in {0, len(texels.start) - 1}]
     count = texels.start.shape[1] - 1
     cones = np.empty((4, count), dtype=np.float32)
@@ -160,7 +172,7 @@ def _cones(texels: Texels) -> F32:
 
 
 def _first_moments(texels: Texels) -> F32:
-    """Energy and solid angle times direction of every cluster [12, C], of level 0 so that all sums agree."""
+    """`PreparedLight.moment`, from the texels of level 0, so that it agrees with their sums."""
     rows, owner = texels.level(0).astype(np.float64), texels.owner(0)
     count = texels.start.shape[1] - 1
     columns = [np.bincount(owner, rows[k] * rows[axis], count) for k in (3, 4, 5, 6) for axis in range(3)]

@@ -1,4 +1,4 @@
-"""From images to the pixels that are shaded, cleaned once so that kernels may assume finite numbers."""
+"""From G-buffer images to the pixels that are shaded, cleaned once, so that the kernels may assume finite numbers."""
 
 from __future__ import annotations
 
@@ -14,33 +14,33 @@ from yesnt.relight.records import ShadingPoints
 F32 = NDArray[np.float32]
 
 FAR = 1e8
-"""Planar depth, metres, from which a pixel counts as a miss; renderers write 1e10."""
+"""Planar depth, metres, from which a pixel counts as empty; renderers write 1e10."""
 
 _TRACE = 1 / 512
-"""Less metal than an 8-bit pass can say is none, so that noise in a pass does not cost the second lobe."""
+"""Metallic below the precision of an 8-bit pass is 0, so that noise in a pass does not cost a second lobe."""
 
 
 _WITHIN = 0.06
-"""Growth of alpha^2 by the squared turn of the normal from pixel to pixel.
+"""Growth of alpha_ggx^2 per squared turn of the normal from pixel to pixel.
 
-Within a pixel it varies by a twelfth of that (a box), and GGX's alpha^2 is near twice the variance of its slopes, for
-each of two axes (Kaplanyan et al. 2016, "Filtering distributions of normals"). Of 0.06, 0.10 and 0.15, tried on the
-stage's knot, the first was best."""
+The variance within a pixel is a twelfth of that (a box), and GGX's alpha^2 is near twice the variance of its slopes,
+for each of two axes (Kaplanyan et al. 2016, "Filtering distributions of normals"). Of 0.06, 0.10 and 0.15, measured on
+the knot of the capture stage, 0.06 was best."""
 
 
 @dataclass(frozen=True)
 class Pixels:
-    """Shaded pixels of one frame.
+    """The P shaded pixels of one frame.
 
     Attributes:
-        index: [P] flat position in the image.
+        index: [P] flat index in the image.
         shape: (H, W).
         position: [P, 3] world metres; pixels without a depth lie at the median depth.
-        normal: [P, 3] unit, world; a zero-length or non-finite one faces the camera.
+        normal: [P, 3] unit, world; one that was zero or not finite faces the camera.
         view: [P, 3] unit, world, towards the camera.
         roughness: [P] 0..1.
         metallic: [P] 0..1.
-        turn: [P] squared angle, rad^2, that the normal turns by from pixel to pixel; None: not known, taken as 0.
+        turn: [P] squared angle, rad^2, by which the normal turns from pixel to pixel; None: unknown, taken as 0.
     """
 
     index: NDArray[np.int64]
@@ -54,17 +54,23 @@ class Pixels:
 
     @property
     def cos_o(self) -> F32:
-        """n.v as the kernels clamp it, [P]."""
+        """cos_o = n.v [P], clamped as in the kernels."""
         return np.clip((self.normal * self.view).sum(axis=1), COS_MIN, 1.0)
 
     def image(self, values: F32) -> F32:
-        """Scatters [P] or [P, C] into a zero image [H, W] or [H, W, C]."""
+        """Image [H, W] or [H, W, C] of values [P] or [P, C]; 0 elsewhere."""
         flat = np.zeros((self.shape[0] * self.shape[1], *values.shape[1:]), dtype=np.float32)
         flat[self.index] = values
         return flat.reshape(*self.shape, *values.shape[1:])
 
     def lobes(self, part: slice, brdf: str, diffuse: str = "lambert") -> ShadingPoints:
-        """Kernel input of a range of pixels."""
+        """The record that the kernels read, of a range of pixels.
+
+        Args:
+            part: the range.
+            brdf: "default": dielectric and metallic lobe where they are needed; "paper": one lobe, as metallic.
+            diffuse: "lambert" or "disney".
+        """
         metallic, alpha = self.metallic[part], alpha_ggx(self.roughness[part])
         default = brdf == "default"
         if default and self.turn is not None:
@@ -81,16 +87,16 @@ class Pixels:
 
 @dataclass(frozen=True)
 class Surface:
-    """G-buffer images without colour.
+    """G-buffer images of one frame, without colour.
 
     Attributes:
-        normal: [H, W, 3] world.
-        z: [H, W] planar metres; 0, NaN or 1e10 where nothing is.
-        opacity: [H, W] coverage.
-        roughness: [H, W] Disney r.
-        metallic: [H, W].
-        camera: pinhole camera of the image's size.
-        frame: which of the camera's poses.
+        normal: [H, W, 3] world; shorter than 1 where a renderer averaged directions.
+        z: [H, W] planar depth, metres; 0, NaN or 1e10 where nothing is.
+        opacity: [H, W] coverage, 0..1.
+        roughness: [H, W] Disney's, 0..1.
+        metallic: [H, W] 0..1.
+        camera: pinhole camera of the size of the images.
+        frame: frame number of the camera's pose; None: the first.
     """
 
     normal: NDArray[np.floating]
@@ -103,12 +109,12 @@ class Surface:
 
 
 def has_depth(z: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """True where a planar depth is one."""
+    """True where a planar depth [...] is finite, above 0 and below FAR."""
     return np.isfinite(z) & (z > 0) & (z < FAR)
 
 
 def gather_pixels(surface: Surface) -> Pixels:
-    """Takes the pixels of positive coverage out of the images."""
+    """The pixels of positive coverage, cleaned: no NaN, unit normals, materials in [0, 1]."""
     opacity = np.nan_to_num(np.asarray(surface.opacity, dtype=np.float32), nan=0.0)
     index = np.flatnonzero(opacity > 0)
     take = [np.asarray(a, dtype=np.float32) for a in (surface.z, surface.roughness, surface.metallic)]
@@ -126,9 +132,9 @@ def gather_pixels(surface: Surface) -> Pixels:
 
 
 def _turns(normal: F32, index: NDArray[np.int64], shape: tuple[int, int]) -> F32:
-    """Squared angle that the normal turns by from pixel to pixel [P], both axes added.
+    """`Pixels.turn` [P]: squared turn of the normal to the next pixel, summed over both image axes, at most 1.
 
-    Along each axis the smaller of both sides' is taken, so that an edge is no curvature; at most 1.
+    Along each axis the side with the smaller turn is taken, so that an edge does not count as curvature.
     """
     image = np.full((shape[0] + 2, shape[1] + 2, 3), np.inf, dtype=np.float32)
     row, column = index // shape[1] + 1, index % shape[1] + 1
@@ -142,10 +148,12 @@ def _turns(normal: F32, index: NDArray[np.int64], shape: tuple[int, int]) -> F32
 
 
 def _unit_or(vector: F32, otherwise: F32) -> F32:
+    """Unit vectors [P, 3]; `otherwise` where a vector has no length or is not finite."""
     clean = np.clip(np.nan_to_num(vector, nan=0.0, posinf=0.0, neginf=0.0), -1e6, 1e6)
     length = np.linalg.norm(clean, axis=1, keepdims=True)
     return np.where(length > 1e-6, clean / np.maximum(length, 1e-6), otherwise).astype(np.float32)
 
 
 def _unit_range(values: F32, missing: float) -> F32:
+    """Values clipped to [0, 1]; `missing` where they are NaN."""
     return np.clip(np.nan_to_num(values, nan=missing), 0, 1).astype(np.float32)

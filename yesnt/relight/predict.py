@@ -1,11 +1,12 @@
-"""How far off a cheaper way will be, told before it is taken (docs/relight.md, "Predicted error").
+"""Predicted display error of shortcuts, before they are taken (docs/relight.md, "Predicted error").
 
-Light clusters: where one visibility stands for light from within an angle d, a shadow edge is off by about d; the
-light's own angular radius r blurs that edge anyway. So the display error is about SHARE d / r, d being the mean over
-the light and r the radius of the solid angle that holds half of it; a sun is a cluster of its own and stays out of r.
+Light clusters: if one visibility represents light from within an angle d, a shadow edge is displaced by up to about d.
+The angular radius r of the light blurs that edge anyway. So the display error is about SHARE d / r, with d the mean
+over the light and r the radius of the solid angle that holds half of the light. A sun has a cluster of its own and is
+left out of r.
 
-Bounces: what is hidden is shown by the share h of the sky that triangles see hidden, and each bounce keeps the albedo
-a of it, so that bounce k is worth (a h)^k of the light.
+Bounces: a share h of the sky is occluded for the triangles of the proxy, and each bounce multiplies by the albedo a, so
+that bounce k contributes (a h)^k of the light.
 """
 
 from __future__ import annotations
@@ -20,22 +21,23 @@ F32 = NDArray[np.float32]
 Float = NDArray[np.float64]
 
 LEAST_CLUSTERS = 16
+"""Clusters that are always made."""
 
 SHARE = 0.04
-"""Display error over d / r; the measurements are in docs/relight.md."""
+"""Display error over d / r, fitted to the measurements in docs/relight.md."""
 
-_SUN = 0.02  # of the light in one cell: it has a cluster of its own
-_BRIGHTNESS = 0.25  # display step of a relative step of light, at mid grey
+_SUN = 0.02  # share of the light in one cell from which it is a sun
+_BRIGHTNESS = 0.25  # derivative of the display value by the logarithm of radiance, at mid grey
 
 
 def enough_clusters(weights: Float, moments: Float, error: float, most: int) -> int:
-    """The least of 16, 32, ... `most` whose predicted display error is at most `error`; `most` if none is.
+    """Smallest of 16, 32, ... `most` clusters whose predicted display error is at most `error`; else `most`.
 
     Args:
-        weights: moments of importance that the tree is cut by (tree.importance).
-        moments: of the cells (envmap.cell_moments).
-        error: root mean square of display values.
-        most: clusters.
+        weights: [h, w, 4] of `tree.importance`.
+        moments: [h, w, 10] of `envmap.cell_moments`.
+        error: allowed root mean square error of display values.
+        most: largest number of clusters.
     """
     count, radius = min(LEAST_CLUSTERS, most), light_radius(moments)
     for boxes in doublings(weights, count, most):
@@ -46,7 +48,13 @@ def enough_clusters(weights: Float, moments: Float, error: float, most: int) -> 
 
 
 def cluster_error(moments: Float, boxes: list[Box], radius: float) -> float:
-    """Predicted display error of one visibility for each box, for a light of that angular radius."""
+    """Predicted display error of one visibility per box.
+
+    Args:
+        moments: [h, w, 10] of `envmap.cell_moments`.
+        boxes: cells of each cluster.
+        radius: angular radius of the light, rad (`light_radius`).
+    """
     from yesnt.relight.texels import box_sums
 
     sums = box_sums(moments, boxes)
@@ -57,7 +65,7 @@ def cluster_error(moments: Float, boxes: list[Box], radius: float) -> float:
 
 
 def light_radius(moments: Float) -> float:
-    """Angular radius of the solid angle that holds half of the light, suns left out, rad."""
+    """Angular radius, rad, of the smallest solid angle that holds half of the light without suns; 1 without light."""
     light, solid = luminance(moments[..., :3]).ravel(), moments[..., 6].ravel()
     soft = light < _SUN * light.sum()
     light, solid = light[soft], solid[soft]
@@ -69,13 +77,13 @@ def light_radius(moments: Float) -> float:
 
 
 def bounces_worth(hidden: float, albedo: float, error: float, most: int) -> int:
-    """Bounces, at most `most`, each of which changes the display by a quarter of `error` or more.
+    """Number of bounces, at most `most`, that each change the display by at least a quarter of `error`.
 
     Args:
-        hidden: mean share of the sky, by cosine, that triangles see hidden.
-        albedo: mean of the triangles.
-        error: display error that is allowed; 0 keeps all.
-        most: bounces.
+        hidden: mean cosine-weighted share of the sky that is occluded for triangles.
+        albedo: mean albedo of the triangles.
+        error: allowed display error; 0 keeps all bounces.
+        most: largest number of bounces.
     """
     kept = max(hidden * albedo, 0.0)
     return sum(_BRIGHTNESS * kept**bounce >= 0.25 * error for bounce in range(1, most + 1))

@@ -1,4 +1,7 @@
-"""The proxy mesh as occluder and as second light: batched embree rays, radiosity on its triangles."""
+"""The proxy mesh: occlusion by batched embree rays, and radiosity on its triangles.
+
+Source: docs/method.md section 5 (visibility and one diffuse bounce).
+"""
 
 from __future__ import annotations
 
@@ -19,15 +22,15 @@ F32 = NDArray[np.float32]
 I32 = NDArray[np.int32]
 
 OPEN = np.int32(-1)
-"""In a table of hits: the ray met nothing."""
+"""Triangle of a ray that hits nothing."""
 
-_LIFT = 0.02  # smallest cosine of a shadow ray: a cluster whose centre has set may still have texels above the horizon
-_RAYS = 1 << 19  # rays a batch: 6 MB each for origins and directions
+_LIFT = 0.02  # least cosine of a shadow ray: parts of a cluster may be above the horizon while its centre is below
+_RAYS = 1 << 19  # rays per batch: 6 MB each for origins and directions
 
 
 @dataclass(frozen=True)
 class ProxyScene:
-    """A triangle mesh in world metres.
+    """A triangle mesh in world metres, with V vertices and F faces.
 
     Attributes:
         vertices: [V, 3].
@@ -39,7 +42,7 @@ class ProxyScene:
 
     @classmethod
     def from_arrays(cls, vertices: ArrayLike, faces: ArrayLike) -> Self:
-        """Checks and copies a mesh.
+        """Checks a mesh [V, 3], [F, 3] and converts it to float32 and int32.
 
         Raises:
             JobError: shapes are wrong, a vertex is not finite, an index is out of range, or there is no triangle.
@@ -62,7 +65,7 @@ class ProxyScene:
 
     @cached_property
     def centres(self) -> F32:
-        """Centroids [F, 3]."""
+        """Centroids of the faces [F, 3]."""
         return self.vertices[self.faces].mean(axis=1)
 
     @cached_property
@@ -75,6 +78,7 @@ class ProxyScene:
 
     @cached_property
     def _scene(self) -> Any:
+        """Embree's acceleration structure."""
         from embreex.mesh_construction import TriangleMesh
         from embreex.rtcore_scene import EmbreeScene
 
@@ -83,23 +87,32 @@ class ProxyScene:
         return scene
 
     def first_hits(self, origins: F32, directions: F32) -> I32:
-        """Index of the first triangle along each ray [R, 3], or OPEN: [R]."""
+        """First triangle [R] along each ray from origins [R, 3] in directions [R, 3]; OPEN if there is none."""
         if len(origins) == 0:
             return np.zeros(0, dtype=np.int32)
         return self._scene.run(np.ascontiguousarray(origins), np.ascontiguousarray(directions), query="INTERSECT")
 
     def trace(self, origins: F32, directions: F32) -> Mapping[str, NDArray[np.generic]]:
-        """First hits of rays [R, 3], unit directions: `primID` (OPEN: none), `tfar` metres, barycentric `u`, `v`."""
+        """First hits [R] of rays [R, 3], unit directions: `primID` (OPEN: none), `tfar`, metres, barycentric `u`, `v`."""
         found: Mapping[str, NDArray[np.generic]] = self._scene.run(
             np.ascontiguousarray(origins), np.ascontiguousarray(directions), query="INTERSECT", output=1
         )
         return found
 
     def cluster_hits(self, origins: F32, normals: F32, light: Clusters, wanted: NDArray[np.bool_] | None = None) -> I32:
-        """What each point [P, 3] sees towards each light cluster: [P, C], OPEN where nothing is in the way.
+        """First triangle from each point towards each light cluster.
 
-        Clusters below a point's horizon are OPEN: they carry no light there. Those at it are lifted just above. With
-        `wanted` [P, C] only these are traced; the rest are OPEN.
+        Clusters below a point's horizon are OPEN: they carry no light there. Rays to those at the horizon are lifted
+        just above it.
+
+        Args:
+            origins: [P, 3] world metres.
+            normals: [P, 3] unit, world.
+            light: C clusters.
+            wanted: [P, C] which rays are traced, the others being OPEN; None: all.
+
+        Returns:
+            [P, C] triangles; OPEN where the cluster is visible.
         """
         nothing = np.zeros((0, 0), dtype=np.bool_)
         count, clusters = len(origins), light.direction.shape[1]
@@ -114,10 +127,19 @@ class ProxyScene:
         return hits
 
     def gather(self, light: Clusters, albedo: F32, bounces: int, offset: float, error: float = 0.0) -> tuple[F32, I32]:
-        """What arrives at every triangle after `bounces` - 1 diffuse bounces, over pi: [F, 3]; and its hits [F, C].
+        """Irradiance of every triangle over pi after `bounces` - 1 diffuse bounces.
 
-        Bounces that are predicted to change less than `error` allows are left out (relight/predict.py).
-        Radiosity by gathering (Cohen & Greenberg 1985) with the light's clusters as directions: no noise.
+        Radiosity by gathering (Cohen & Greenberg 1985), with the light's clusters as directions: free of noise.
+
+        Args:
+            light: C clusters.
+            albedo: [F, 3] of the triangles.
+            bounces: largest number of bounces between the light and a pixel.
+            offset: distance of the rays' origins from the surface, metres.
+            error: allowed display error; bounces that are predicted to change less are left out (relight/predict.py).
+
+        Returns:
+            [F, 3] irradiance over pi, and [F, C] triangles that occlude the clusters (OPEN: none).
         """
         hits = self.cluster_hits(self.centres + self.normals * np.float32(offset), self.normals, light)
         cosine = np.maximum(self.normals @ light.direction, 0)
@@ -132,9 +154,15 @@ class ProxyScene:
         return arrives, hits
 
     def paint(self, hits: I32, features: F32) -> F32:
-        """Features of all triangles [F, K] from those of pixels [P, K] and the triangle each pixel shows [P].
+        """Averages features of pixels on the triangles that they show.
 
-        Triangles that no pixel shows take the features of the nearest shown one; with none shown, the pixels' mean.
+        Args:
+            hits: [P] triangle that each pixel shows, -1 for none.
+            features: [P, K].
+
+        Returns:
+            [F, K]; a triangle that no pixel shows takes the features of the nearest one that is shown; if none is, the
+            mean of all pixels.
         """
         from scipy.spatial import cKDTree
 
@@ -153,7 +181,7 @@ class ProxyScene:
 
 @njit(cache=True, error_model="numpy")
 def _rays(origins, normals, directions, reach, wanted):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Rays of points [P, 3] towards clusters [3, C] that are not set: flat index, origins and unit directions."""
+    """Rays of points [P, 3] to clusters [3, C] above the horizon: flat index [R], origins, unit directions [R, 3]."""
     count, clusters = origins.shape[0], directions.shape[1]
     where = np.empty(count * clusters, dtype=np.int64)
     start = np.empty((count * clusters, 3), dtype=np.float32)

@@ -1,4 +1,4 @@
-"""What a scene lets relighting leave out, and why: for `plan`, which runs nothing."""
+"""Which terms of the model a shot needs, and why; shown by the command `plan` before anything runs."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from yesnt.relight.pixel_filter import read_at_centres
 from yesnt.relight.settings import RelightSettings
 from yesnt.relight.texel_lod import least_bearable
 
-_SUN_SHARE = 0.02  # of the light in one texel: less is not a source with a shadow of its own
-_TRACE = 1 / 512  # of a material: less than an 8-bit pass can say
+_SUN_SHARE = 0.02  # share of the light in one texel from which it is a source with a shadow of its own
+_TRACE = 1 / 512  # metallic below the precision of an 8-bit pass
 _EVEN = 0.02  # relative spread of radiance below which a map counts as uniform
 
 
 @dataclass(frozen=True)
 class Requirement:
-    """One term of the model.
+    """Whether one term of the model is computed.
 
     Attributes:
         term: its name.
-        modelled: whether it will be computed.
+        modelled: whether it is computed.
         reason: one clause.
     """
 
@@ -36,14 +36,14 @@ class Requirement:
 
 @dataclass(frozen=True)
 class SceneFacts:
-    """What is known about a shot before it runs; None where nothing is.
+    """Facts about a shot that are known before it runs; None where unknown.
 
     Attributes:
-        light: the light that relights.
-        capture: the light of the plate.
+        light: the map that relights.
+        capture: the capture light.
         proxy: whether the shot has a proxy mesh.
-        roughness: smallest and largest in the material passes.
-        metallic: smallest and largest in the material passes.
+        roughness: smallest and largest value of the material passes.
+        metallic: smallest and largest value of the material passes.
         short: share of the first frame's normals that are averages of several directions.
     """
 
@@ -70,6 +70,7 @@ def requirements(facts: SceneFacts, settings: RelightSettings) -> tuple[Requirem
 
 
 def _metal(facts: SceneFacts, settings: RelightSettings) -> Requirement:
+    """The metallic lobe."""
     name = "metallic lobe"
     if settings.brdf == "paper":
         return Requirement(name, True, "the paper's BRDF has one lobe for metals and dielectrics")
@@ -79,9 +80,10 @@ def _metal(facts: SceneFacts, settings: RelightSettings) -> Requirement:
 
 
 def _levels(facts: SceneFacts, settings: RelightSettings) -> Requirement:
+    """Levels of the filtered map that metal mirrors in metal."""
     name = "map filtered for metal in metal"
     if settings.bounce == 0 or settings.shadows is not True or not facts.proxy:
-        return Requirement(name, False, "nothing bounces off a proxy")
+        return Requirement(name, False, "there is no indirect radiance of a proxy")
     if facts.metallic is not None and facts.metallic[1] < _TRACE:
         return Requirement(name, False, "no pixel is metallic")
     if facts.roughness is None:
@@ -94,9 +96,10 @@ def _levels(facts: SceneFacts, settings: RelightSettings) -> Requirement:
 
 
 def _sharp(facts: SceneFacts, settings: RelightSettings) -> Requirement:
+    """Texels finer than level 0."""
     name = "fine texels for sharp lobes"
     if facts.light is None or facts.roughness is None:
-        return Requirement(name, True, "each pixel takes those that are small beside its lobe")
+        return Requirement(name, True, "each pixel reads those that are small compared with its lobe")
     alpha = float(alpha_ggx(np.array(facts.roughness[0])))
     finest, all_ = facts.light.texels.finest(least_bearable(settings.detail, alpha)), len(facts.light.texels.start)
     if finest == 0:
@@ -105,6 +108,7 @@ def _sharp(facts: SceneFacts, settings: RelightSettings) -> Requirement:
 
 
 def _sun(facts: SceneFacts) -> Requirement:
+    """A texel that is a light source of its own."""
     name = "sun"
     if facts.light is None:
         return Requirement(name, True, "the map is not known yet")
@@ -117,6 +121,7 @@ def _sun(facts: SceneFacts) -> Requirement:
 
 
 def _shadow(facts: SceneFacts, settings: RelightSettings) -> Requirement:
+    """Visibility of the light."""
     name = "shadows"
     if settings.shadows is False:
         return Requirement(name, False, "switched off by `shadows`")
@@ -136,6 +141,7 @@ def _shadow(facts: SceneFacts, settings: RelightSettings) -> Requirement:
 
 
 def _bounce(facts: SceneFacts, settings: RelightSettings) -> Requirement:
+    """Indirect radiance of the proxy."""
     name = "bounce"
     if settings.bounce == 0 or settings.shadows is not True:
         return Requirement(name, False, "switched off")
@@ -146,9 +152,10 @@ def _bounce(facts: SceneFacts, settings: RelightSettings) -> Requirement:
 
 
 def _capture(facts: SceneFacts, settings: RelightSettings) -> Requirement:
+    """Removal of the capture light."""
     name = "capture light"
     if settings.base_color == "plate":
-        return Requirement(name, False, "the plate is taken for the base colour, as the paper does")
+        return Requirement(name, False, "the plate is used as base colour, as in the paper")
     if facts.capture is None:
         return Requirement(name, True, "taken out of the plate")
     radiance = luminance(facts.capture.env.radiance.astype(np.float64))
@@ -157,6 +164,7 @@ def _capture(facts: SceneFacts, settings: RelightSettings) -> Requirement:
 
 
 def _pixel_filter(facts: SceneFacts, settings: RelightSettings) -> Requirement:
+    """The pixel filter."""
     name = "pixel filter"
     if settings.pixel_filter == 0:
         return Requirement(name, False, "switched off by `pixel_filter`")
@@ -169,7 +177,7 @@ def _pixel_filter(facts: SceneFacts, settings: RelightSettings) -> Requirement:
 
 
 def shadow_blur(light: PreparedLight) -> float:
-    """Mean angular radius, degrees, of the light that shares one visibility: how wide a shadow edge is in error."""
+    """Mean angular distance, degrees, of light from the direction of its cluster: the error of a shadow edge."""
     direction, power = light.texels.direction, light.texels.energy.sum(axis=0, dtype=np.float64)
     cosine = (direction * light.clusters.direction[:, light.texels.owner(0)]).sum(axis=0)
     angle = np.arccos(np.clip(cosine, -1, 1))

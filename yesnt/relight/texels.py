@@ -1,8 +1,9 @@
-"""Texels of a light at several sizes, laid out for vector lanes.
+"""Texels of a light at several levels of detail, laid out for vector instructions.
 
-A cluster holds texels at every level: level 0 are leaves of the tree, small where the light is strong; each further
-level is a regular cut of the cluster's cells, twice as fine along each side, down to the cells themselves. A pixel
-takes from each cluster the coarsest level that its lobe can bear: sharp lobes pay for fine texels where they point.
+Every cluster has texels at every level. Level 0 are leaves of the tree, small where the light is strong. Each further
+level is a regular cut of the cluster's cells, twice as fine along each side, down to single cells. A pixel reads from
+each cluster the coarsest level that its lobe bears (relight/texel_lod.py): sharp lobes read fine texels where they
+point.
 """
 
 from __future__ import annotations
@@ -20,19 +21,19 @@ F32 = NDArray[np.float32]
 Float = NDArray[np.float64]
 
 LANES = 8
-"""Texels of a block. Clusters hold whole blocks; what is left over is filled with texels of no light and no size."""
+"""Texels per block. Clusters hold whole blocks; the rest of the last one is filled with texels of no light and size."""
 
 _ROWS = ("x", "y", "z", "r", "g", "b", "solid angle", "spread")
-_MOST_MERGED = 8  # columns of a grid that a texel joins beside a pole, where columns crowd
+_MOST_MERGED = 8  # columns of the grid that one texel covers near a pole, where cells are narrow
 
 
 @dataclass(frozen=True)
 class Texels:
-    """Structure of arrays, sorted by level, then by cluster; every cluster starts a block of eight.
+    """Texels as structure of arrays, sorted by level, then by cluster; every cluster starts a block of eight.
 
     Attributes:
         rows: [8, N] unit direction x, y, z (world, luminance centroid); radiance times solid angle r, g, b; solid
-            angle, sr; angular variance of the texel's light, rad^2. N is a little more than the texels need.
+            angle, sr; angular variance of the texel's light, rad^2. N includes filling at the end.
         start: [L, C + 1] first block of each cluster at each level.
         size: [L, C] mean angular size of a cluster's texels at each level, rad, coarse to fine.
     """
@@ -42,7 +43,7 @@ class Texels:
     size: F32
 
     def __len__(self) -> int:
-        """Texels of level 0, filling included."""
+        """Number of texels of level 0, filling included."""
         return int(self.start[0, -1]) * LANES
 
     def level(self, level: int) -> F32:
@@ -50,53 +51,53 @@ class Texels:
         return self.rows[:, LANES * self.start[level, 0] : LANES * self.start[level, -1]]
 
     def owner(self, level: int) -> NDArray[np.int64]:
-        """Cluster [T] of a level's texels."""
+        """Cluster [T] of each texel of a level, filling included."""
         return np.repeat(np.arange(self.start.shape[1] - 1), LANES * np.diff(self.start[level]))
 
     @property
     def coarsest(self) -> int:
-        """The level that a pixel may begin at: -1, a cluster as one texel, unless every cell is a texel."""
+        """Coarsest level that a pixel may read: -1 (a cluster as one texel), or 0 if every cell is a texel."""
         return -1 if len(self.start) > 1 else 0
 
     def finest(self, bearable: float) -> int:
-        """The finest level that lobes ask for which bear texels of `bearable` rad or more everywhere."""
+        """Finest level that lobes need which bear texels of `bearable` rad or more everywhere."""
         enough = np.flatnonzero((self.size <= bearable).all(axis=1))
         return int(enough[0]) if len(enough) else len(self.start) - 1
 
     @cached_property
     def most_spread(self) -> float:
-        """Largest spread of all texels."""
+        """Largest angular variance of all texels, rad^2."""
         return float(self.rows[7].max())
 
     @property
     def direction(self) -> F32:
-        """[3, T] of level 0."""
+        """Rows [3, T] of level 0."""
         return self.level(0)[:3]
 
     @property
     def energy(self) -> F32:
-        """[3, T] of level 0."""
+        """Rows [3, T] of level 0."""
         return self.level(0)[3:6]
 
     @property
     def solid_angle(self) -> F32:
-        """[T] of level 0."""
+        """Row [T] of level 0, sr."""
         return self.level(0)[6]
 
     @cached_property
     def packed(self) -> Float:
-        """The rows' bits block by block, [N / 8, 32] words of two lanes: a block lies in four lines of the cache."""
+        """Bits of `rows` block by block, [N / 8, 32] words of two texels: a block lies in four cache lines."""
         blocks = self.rows.reshape(len(_ROWS), -1, LANES).transpose(1, 0, 2)
         return np.ascontiguousarray(blocks).reshape(-1, len(_ROWS) * LANES).view(np.float64)
 
 
 def cut_levels(moments: Float, groups: list[list[Box]], hulls: list[Box]) -> list[list[Float]]:
-    """Sums [n, 11] of the texels of every level and cluster: the moments (envmap.cell_moments) and the cells in each.
+    """Sums [n, 11] over the texels of every level and cluster: moments (envmap.cell_moments) and number of cells.
 
     Args:
         moments: [h, w, 10].
-        groups: boxes of level 0 of every cluster.
-        hulls: box of every cluster.
+        groups: boxes of the texels of level 0, per cluster.
+        hulls: box of each cluster.
     """
     levels = [[_with_count(box_sums(moments, group), group) for group in groups]]
     cells, texels = moments.shape[0] * moments.shape[1], sum(len(group) for group in groups)
@@ -112,7 +113,7 @@ def cut_levels(moments: Float, groups: list[list[Box]], hulls: list[Box]) -> lis
 
 
 def box_sums(moments: Float, boxes: list[Box]) -> Float:
-    """Sums of moments over boxes [T, k]; summed directly, since a summed-area table would cancel beside a sun."""
+    """Sums [T, k] of moments [h, w, k] over boxes; direct, since a summed-area table would cancel next to a sun."""
     rows, row_ends, columns, column_ends = np.array(boxes).T
     sums = moments[rows, columns]
     for i in np.flatnonzero((row_ends - rows) * (column_ends - columns) > 1):
@@ -121,14 +122,15 @@ def box_sums(moments: Float, boxes: list[Box]) -> Float:
 
 
 def _with_count(sums: Float, boxes: list[Box]) -> Float:
+    """Appends the number of cells of each box as the last column."""
     cells = [(b - a) * (d - c) for a, b, c, d in boxes]
     return np.concatenate([sums, np.array(cells, dtype=float)[:, None]], axis=1)
 
 
 def _regular(moments: Float, hull: Box, step: int) -> Float:
-    """Sums [n, 11] of squares of `step` x `step` cells of a box; of more columns beside a pole, where they crowd.
+    """Sums [n, 11] over squares of `step` x `step` cells of a box; over more columns near a pole.
 
-    The finest, of step 1, are the cells themselves: what a mirror shows is then what the full sum shows.
+    At step 1 these are the cells, so that a mirror shows what the full sum shows.
     """
     a, b, c, d = hull
     sine = np.sin(np.pi * 0.5 * (a + b) / moments.shape[0])
@@ -140,7 +142,7 @@ def _regular(moments: Float, hull: Box, step: int) -> Float:
 
 
 def assemble(levels: list[list[Float]], world_from_map: Float) -> Texels:
-    """Lays the sums of `cut_levels` out in blocks."""
+    """Lays out the sums of `cut_levels` in blocks; `world_from_map` [3, 3] turns directions to world axes."""
     counts = np.array([[len(sums) for sums in level] for level in levels])
     ends = np.cumsum(-(-counts.ravel() // LANES))
     start = np.concatenate([[0], ends]).astype(np.int32)
@@ -158,12 +160,12 @@ def assemble(levels: list[list[Float]], world_from_map: Float) -> Texels:
 
 
 def odd_lines(count: int) -> int:
-    """A length of at least `count` floats that is an odd number of cache lines: even ones would share cache sets."""
+    """Least length >= `count` floats that is an odd number of cache lines; even ones make rows share cache sets."""
     return 16 * (-(-count // 16) | 1)
 
 
 def centroid(moments: Float) -> Float:
-    """Unit direction of light [..., 3]: the luminance centroid, or that of the solid angle where there is no light."""
+    """Unit direction [..., 3] of moments [..., 10]: luminance centroid; without light, that of the solid angle."""
     light, area = moments[..., 3:6], moments[..., 7:10]
     chosen = np.where(np.linalg.norm(light, axis=-1, keepdims=True) > 1e-30, light, area)
     length = np.linalg.norm(chosen, axis=-1, keepdims=True)
@@ -171,7 +173,12 @@ def centroid(moments: Float) -> Float:
 
 
 def spread(sums: Float, cells: NDArray[np.floating]) -> Float:
-    """Angular variance of a texel's light: 2 (1 - |mean direction|), plus that of a square cell of its size."""
+    """Angular variance [n], rad^2, of the light of texels: 2 (1 - |mean direction|), plus that of one square cell.
+
+    Args:
+        sums: [n, 10] moments.
+        cells: [n] number of cells of each texel.
+    """
     light = luminance(sums[:, :3])
     weight, moment = np.where(light > 1e-30, light, sums[:, 6]), sums[:, 3:6]
     moment = np.where(light[:, None] > 1e-30, moment, sums[:, 7:10])

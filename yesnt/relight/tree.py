@@ -1,8 +1,8 @@
-"""One tree over a lat-long grid: its first C leaves are light clusters, its first T leaves are texels.
+"""A binary tree over a lat-long grid: its first C leaves are light clusters, its first T leaves are texels.
 
-A leaf is split where its importance times its angular radius is largest: that product is, to first order, how much
-light crosses how wide a shadow edge when the leaf is replaced by one direction. Debevec's median cut (2005) balances
-energy alone.
+The leaf of largest importance times angular radius is split first. That product is, to first order, the light that
+crosses a shadow edge times the width of the edge, when the leaf is replaced by one direction. Debevec's median cut
+(2005) balances energy alone.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 Float = NDArray[np.float64]
 Box = tuple[int, int, int, int]  # rows [a, b), columns [c, d)
 
-_EVEN_SHARE = 0.5  # of the mean luminance: what is dark still stands for bounced light, so that it keeps some leaves
+_EVEN_SHARE = 0.5  # of the mean luminance, added to all: indirect radiance comes from dark directions too
 
 
 def importance(energy: Float, direction: Float, solid: Float) -> Float:
-    """Moments [h, w, 4] of importance: luminance plus an even share of the mean, and the same times the direction.
+    """Moments [h, w, 4] of importance: luminance plus half of its mean, and the same times the direction.
 
     Args:
         energy: [h, w] luminance times solid angle.
@@ -32,10 +32,16 @@ def importance(energy: Float, direction: Float, solid: Float) -> Float:
 
 
 def grow(moments: Float, clusters: int, texels: int, multiple: int = 1) -> list[list[Box]]:
-    """Boxes of the texels of every cluster, in an order that keeps neighbours together.
+    """Boxes of the texels of every cluster, in Morton order, which keeps neighbours together.
 
     With at least as many texels as cells, every cell is a texel and only the clusters are grown. Otherwise about
-    `texels` are made, so that each cluster holds a multiple of `multiple` where its cells allow it.
+    `texels` are made.
+
+    Args:
+        moments: [h, w, 4] of `importance`.
+        clusters: number of clusters.
+        texels: number of texels.
+        multiple: each cluster gets a multiple of so many texels, if it has enough cells.
     """
     height, width = moments.shape[:2]
     table = np.pad(moments.cumsum(0).cumsum(1), ((1, 0), (1, 0), (0, 0)))
@@ -51,7 +57,13 @@ def grow(moments: Float, clusters: int, texels: int, multiple: int = 1) -> list[
 
 
 def doublings(moments: Float, least: int, most: int) -> Iterator[list[Box]]:
-    """The leaves of `least` clusters, of twice as many, and so on to `most`: what `grow` would give for each."""
+    """Leaves of `least` clusters, of twice as many, and so on to `most`, as `grow` makes them.
+
+    Args:
+        moments: [h, w, 4] of `importance`.
+        least: clusters of the first list.
+        most: clusters of the last list.
+    """
     table = np.pad(moments.cumsum(0).cumsum(1), ((1, 0), (1, 0), (0, 0)))
     leaves, count = [(0, moments.shape[0], 0, moments.shape[1])], least
     while True:
@@ -63,7 +75,7 @@ def doublings(moments: Float, least: int, most: int) -> Iterator[list[Box]]:
 
 
 def _split(table: Float, groups: list[list[Box]], count: int) -> list[list[Box]]:
-    """Splits the worst box of all groups until there are `count`; parts stay in their group."""
+    """Splits the box of largest error of all groups until there are `count`; parts stay in their group."""
     leaves: list[list[Box]] = [[] for _ in groups]
     heap = [(-_error(table, box), i, box) for i, group in enumerate(groups) for box in group]
     heapq.heapify(heap)
@@ -83,11 +95,12 @@ def _split(table: Float, groups: list[list[Box]], count: int) -> list[list[Box]]
 
 
 def _place(box: Box) -> int:
-    """Where a box stands along a Morton curve through the grid."""
+    """Position of a box along a Morton curve through the grid."""
     return _morton(box[0] + box[1], box[2] + box[3])
 
 
 def _error(table: Float, box: Box) -> float:
+    """Importance times angular radius of a box, from the summed-area table [h + 1, w + 1, 4]; 0 for a single cell."""
     a, b, c, d = box
     if (b - a) * (d - c) == 1:
         return 0.0
@@ -102,7 +115,7 @@ def _blur(moment: Float) -> Float:
 
 
 def _cut(table: Float, box: Box) -> list[Box]:
-    """The cut, along rows or columns, that leaves the least error; nothing for a single cell."""
+    """The two parts of a box after the cut, along rows or columns, of least error; none for a single cell."""
     a, b, c, d = box
     total = table[b, d] - table[a, d] - table[b, c] + table[a, c]
     upper = table[a + 1 : b, d] - table[a, d] - table[a + 1 : b, c] + table[a, c]

@@ -111,7 +111,7 @@ class EnvMap:
         if not np.linalg.norm(place) < distance:
             far = float(np.linalg.norm(place))
             raise JobError(
-                "The actor or the camera stands beyond what the env map shows", f"{far:.2f} m from `captured_at`",
+                "The actor or the camera lies outside the sphere of the env map", f"{far:.2f} m from `captured_at`",
                 f"less than `distance`, {distance:g} m", "mend `captured_at` or `distance`",
             )  # fmt: skip
         height, width = self.radiance.shape[:2]

@@ -160,6 +160,19 @@ def test_a_single_pixel_that_stayed_is_freed_with_its_patch():
     assert not unconverged_pixels(np.zeros((9, 9), bool), np.ones((9, 9), bool)).any()
 
 
+def test_moved_pixels_are_widened_by_two_and_more_than_half_free_the_frame():
+    matte, moved = np.ones((10, 10), bool), np.zeros((10, 10), bool)
+    moved[2, 2] = True
+    expected = np.zeros_like(matte)
+    expected[:5, :5] = True
+    np.testing.assert_array_equal(unconverged_pixels(moved, matte), expected)
+    moved[:] = False
+    moved[:, :5] = True
+    assert np.count_nonzero(unconverged_pixels(moved, matte)) == 70, "half of the frame and its margin"
+    moved[9, 9] = True
+    assert unconverged_pixels(moved, matte).all()
+
+
 def test_the_order_of_the_blocks_changes_no_bit(sequence):
     problem = sequence.changed(matte=sequence.matte & (np.arange(40) < 24))
     blocks = chunk_blocks(48, 16, 2)

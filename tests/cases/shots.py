@@ -246,7 +246,7 @@ def check(folder: Path) -> Outcome:
 
 
 def deliver(folder: Path) -> Outcome:
-    """Checks a shot and delivers its EXRs; the film is left out."""
+    """Checks a shot and delivers its EXRs; the preview video is left out."""
     checked = check(folder)
     if checked.refusal:
         return checked

@@ -1,4 +1,4 @@
-"""The preview film: its colours in a player, and a picture too small for a film."""
+"""The preview video: its colours in a player, and a picture too small for a video."""
 
 from __future__ import annotations
 
@@ -19,38 +19,38 @@ WIDTH, HEIGHT = 1280, 720
 
 
 @pytest.fixture(scope="module")
-def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A film of one HD frame of three colour bars."""
-    folder = tmp_path_factory.mktemp("film")
+def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A video of one HD frame of three colour bars."""
+    folder = tmp_path_factory.mktemp("video")
     picture = np.repeat(np.array(list(BARS.values()), np.float16), (427, 427, 426), axis=0)
     planes = {c: np.broadcast_to(picture[:, i], (HEIGHT, WIDTH)) for i, c in enumerate("RGB")}
     write(folder / "hd.exr", planes)
-    preview.write_reel([folder / "hd.exr"], folder / "hd.mp4", folder / "hd.png")
+    preview.write_segment([folder / "hd.exr"], folder / "hd.mp4", folder / "hd.png")
     return folder / "hd.mp4"
 
 
 def first_frame(path: Path) -> av.VideoFrame:
-    """The first picture of a film."""
+    """The first picture of a video."""
     with av.open(str(path)) as container:
         return next(container.decode(video=0))
 
 
 @until_files_are_read()
-def test_the_film_is_tagged_bt709(film: Path) -> None:
-    frame = first_frame(film)
+def test_the_video_is_tagged_bt709(video: Path) -> None:
+    frame = first_frame(video)
     assert (int(frame.colorspace), int(frame.color_primaries)) == (1, 1)
 
 
 @until_files_are_read()
 @pytest.mark.parametrize("bar", BARS)
-def test_a_player_shows_the_colours(film: Path, bar: str) -> None:
-    shown = first_frame(film).reformat(format="rgb24", src_colorspace="ITU709", dst_colorspace="ITU709").to_ndarray()
+def test_a_player_shows_the_colours(video: Path, bar: str) -> None:
+    shown = first_frame(video).reformat(format="rgb24", src_colorspace="ITU709", dst_colorspace="ITU709").to_ndarray()
     found = shown[HEIGHT // 2, 200 + 427 * list(BARS).index(bar)].astype(int)
     assert np.abs(found - 255 * np.array(BARS[bar])).max() <= 3
 
 
 @until_files_are_read()
-def test_a_shot_of_one_pixel_delivers_its_picture_and_says_why_there_is_no_film(tmp_path: Path) -> None:
+def test_a_shot_of_one_pixel_delivers_its_picture_and_says_why_there_is_no_video(tmp_path: Path) -> None:
     folder = write_shot(tmp_path / "s", size=(1, 1))
     assert check(folder).refusal == ""
     run_here(folder, "composite")
@@ -62,4 +62,4 @@ def test_a_shot_of_one_pixel_delivers_its_picture_and_says_why_there_is_no_film(
     else:
         told = " ".join(check(folder).warnings)
     assert "1x1" in told
-    assert "video" in told or "film" in told
+    assert "video" in told

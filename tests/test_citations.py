@@ -122,6 +122,18 @@ def wrong_names(path: Path) -> Iterator[str]:
             yield f"{module}.py has no {attribute}"
 
 
+def wrong_functions(path: Path) -> Iterator[str]:
+    """Names in brackets behind a Python file on a page: "`relight/brdf.py` (`evaluate_paper`, ...)"."""
+    if path.suffix != ".md":
+        return
+    for name, inside in re.findall(r"`([\w/]+\.py)` \(((?:`\w+`(?:, )?)+)\)", prose(path)):
+        files = [p for p in CODE if str(p).endswith(f"/{name}")]
+        text = "\n".join(p.read_text() for p in files)
+        for defined in re.findall(r"`(\w+)`", inside):
+            if not re.search(rf"^(?:def |class )?{defined}\b", text, re.M):
+                yield f"{name} has no {defined}"
+
+
 @cache
 def _module(name: str) -> bool:
     try:
@@ -185,7 +197,7 @@ def verbs() -> frozenset[str]:
 
 @pytest.mark.parametrize("path", [*CODE, *PAGES, *OTHER], ids=ids)
 def test_every_citation_resolves(path: Path) -> None:
-    checks = (wrong_documents, wrong_files, wrong_names, wrong_commands, wrong_options)
+    checks = (wrong_documents, wrong_files, wrong_names, wrong_commands, wrong_options, wrong_functions)
     wrong = [problem for check in checks for problem in check(path)]
     assert not wrong, f"{ids(path)}: " + "; ".join(wrong)
 
@@ -201,8 +213,8 @@ def test_a_wrong_citation_is_seen(tmp_path: Path) -> None:
     page.write_text(
         'method.md section 99, [x](nowhere.md), contract.md, "No such heading", `yesnt/nothing.py`, `relight/none.py`, '
         "`yesnt.nothing.at_all`, `make nothing`, `yesnt nothing`, `embedded.NOT_THERE`, `yesnt run --nothing`, "
-        "`python tests/benchmarks/temporal_speed.py --nothing`"
+        "`python tests/benchmarks/temporal_speed.py --nothing`, `relight/brdf.py` (`nothing`)"
     )
-    checks = (wrong_documents, wrong_files, wrong_names, wrong_commands, wrong_options)
+    checks = (wrong_documents, wrong_files, wrong_names, wrong_commands, wrong_options, wrong_functions)
     wrong = [problem for check in checks for problem in check(page)]
-    assert len(wrong) >= 11, wrong
+    assert len(wrong) >= 12, wrong

@@ -146,7 +146,7 @@ def test_a_map_captured_elsewhere_is_seen_from_the_actors_place() -> None:
     brightest = directions().reshape(-1, 3)[side.radiance[..., 0].argmax()]
     assert brightest[0] < 0 < brightest[1]
     np.testing.assert_allclose(env.seen_from((0, 0, 0), 5).radiance, env.radiance, atol=1e-5)
-    with pytest.raises(JobError, match="beyond what the env map shows"):
+    with pytest.raises(JobError, match="outside the sphere of the env map"):
         env.seen_from((3, 0, 0), 2)
 
 

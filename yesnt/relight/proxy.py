@@ -93,7 +93,7 @@ class ProxyScene:
         return self._scene.run(np.ascontiguousarray(origins), np.ascontiguousarray(directions), query="INTERSECT")
 
     def trace(self, origins: F32, directions: F32) -> Mapping[str, NDArray[np.generic]]:
-        """First hits [R] of rays [R, 3], unit directions: `primID` (OPEN: none), `tfar` metres, barycentric `u`, `v`."""
+        """First hits [R] of rays [R, 3], unit directions: `primID` (OPEN: none), `tfar`, m, barycentric `u`, `v`."""
         found: Mapping[str, NDArray[np.generic]] = self._scene.run(
             np.ascontiguousarray(origins), np.ascontiguousarray(directions), query="INTERSECT", output=1
         )

@@ -20,6 +20,9 @@ COMPARISON = {
 BOOLEAN = {"and": "or", "or": "and"}
 OPERATORS = ("arithmetic", "comparison", "boolean", "constant", "return", "negation", "argument")
 
+COMMUTATIVE = {"max", "min", "maximum", "minimum", "hypot", "logical_and", "logical_or", "multiply", "isclose"}
+"""Functions of two arguments whose order does not matter."""
+
 Span = tuple[int, int]
 
 
@@ -166,7 +169,8 @@ class _Visitor(ast.NodeVisitor):
 
     def visit_Call(self, node: ast.Call) -> None:
         first, second = (*node.args, None, None)[:2]
-        if first is not None and second is not None and not isinstance(first, ast.Starred):
+        ordered = _root_name(node.func) not in COMMUTATIVE and not isinstance(first, ast.Starred)
+        if first is not None and second is not None and ordered:
             span = (self._span(first)[0], self._span(second)[1])
             between = self._text((self._span(first)[1], self._span(second)[0]))
             self._add("argument", span, f"{self._of(second)}{between}{self._of(first)}", node)

@@ -70,6 +70,14 @@ GRANTED_FILES = {
     ("core.camera", ".read_text"): "Camera.open is a constructor of the public interface",
     ("core.fault_points", ".unlink"): "a fault that a test plants takes its token away",
     ("core.fault_points", ".kill"): "a fault that a test plants kills the process",
+    **{
+        ("core.kernel_cache", what): "Numba reads the folder of machine code when a kernel is declared"
+        for what in (".glob", ".mkdir", ".read_bytes", "shutil", "tempfile")
+    },
+    **{
+        ("core.kernel_sources", what): "the folder is named by a digest of the sources"
+        for what in (".glob", ".read_text")
+    },
 }
 """What kernels do with files and processes on purpose, by module and by what is imported or called."""
 

@@ -17,14 +17,10 @@ TREE = SourceTree()
 
 OPEN: dict[str, tuple[str, ...]] = {
     "upward_imports": (r"measure\.evaluation\.tasks \(tasks\) imports measure\.evaluation\.remains",),
-    "many_parameters": (
-        r"temporal\.(certificate\.dual_value|geometry\._stencils|solver\.solve)",
-        r"temporal\.kernels\.(gradient|linearise|update_duals|advance)",
-    ),
     "forbidden_words": (
         r"capture_stage\.subjects: outfit",
         r"(decompose\.network|relight\.settings): (films|choice)",
-        r"(planning|tasks|temporal|workflows)\.\S+: trust",
+        r"(planning|tasks|workflows)\.\S+: trust",
         r"(measure|metrics|cli|workflows)\.\S+: (films|judg|labs|trust)",
     ),
     "archaic_phrases": (r"(capture_stage|metrics|planning|relight|runtime|tasks|training|workflows|measure)\.",),

@@ -30,7 +30,7 @@ from temporal_flow import Shot
 from temporal_shots import errors, predicted
 
 from yesnt.decompose.confidence import confidence
-from yesnt.temporal import EnergyParams, FlowSettings, bridged_links, flow_and_validity, robust_confidence, solve
+from yesnt.temporal import EnergyParams, FlowSettings, flow_and_validity, robust_confidence, solve, solve_bridged
 from yesnt.temporal.flow import sample_next
 
 HEIGHT, GAP = 8, 8
@@ -47,8 +47,7 @@ def solved(plates, matte, mean, std):
     ]
     flow, validity = (np.stack(parts) for parts in zip(*pairs, strict=True))
     weight, report = robust_confidence(mean, confidence(std), flow, validity, matte)
-    links = bridged_links(validity, report.frames)
-    return solve(mean, weight, flow, links, EnergyParams(), matte, inconsistent=report.frames).value, weight
+    return solve_bridged(mean, weight, flow, validity, report.frames, EnergyParams(), matte).value, weight
 
 
 def psnr(rmse):

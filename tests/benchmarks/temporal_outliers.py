@@ -5,9 +5,9 @@
 A SHOT holds plate.####.exr and truth/material.####.exr. Inputs are the embedded model's predictions (kept in --work)
 and an ensemble's noise on the true materials; a tenth of the frames is replaced by an offset, the inverse, noise, or a
 shifted picture of themselves. Columns, in per cent, roughness and metallic: left as they are (plain); weighed by
-`robust_confidence` (robust); also with `bridged_links` and without the spatial term in these frames (inconsistent), as
-a job does; their data taken out by hand (told); and, as an oracle, the sequence without these frames and a flow
-measured from the frame before to the frame after (left out).
+`robust_confidence` (robust); also with these frames bridged, as a job does (robust, bridged); their data taken out by
+hand (told); and, as an oracle, the sequence without these frames and a flow measured from the frame before to the frame
+after (left out).
 """
 
 import argparse
@@ -18,7 +18,7 @@ import numpy as np
 from temporal_shots import ensemble, load, predicted
 
 from yesnt.decompose.confidence import confidence
-from yesnt.temporal import EnergyParams, FlowSettings, bridged_links, flow_and_validity, robust_confidence, solve
+from yesnt.temporal import EnergyParams, FlowSettings, flow_and_validity, robust_confidence, solve, solve_bridged
 
 KINDS = ("offset", "inverted", "noise", "shifted")
 PARAMS = EnergyParams()
@@ -66,8 +66,8 @@ def main():
             pairs = zip(value, truth[:, clean], strict=True)  # noqa: B023
             return np.array([np.sqrt(np.mean((v - t)[matte[clean]] ** 2)) for v, t in pairs])  # noqa: B023
 
-        def whole(mean, weight, links, inconsistent=()):
-            found = solve(mean, weight, flow, links, PARAMS, matte, inconsistent=inconsistent).value  # noqa: B023
+        def whole(mean, weight, inconsistent=()):
+            found = solve_bridged(mean, weight, flow, validity, inconsistent, PARAMS, matte).value  # noqa: B023
             return error(found[:, clean])  # noqa: B023
 
         given = {"predicted": predicted(folder, options.work)}
@@ -75,19 +75,18 @@ def main():
         for source, (mean, std) in given.items():
             weight = confidence(std)
             usual, _ = robust_confidence(mean, weight, flow, validity, matte)
-            base = whole(mean, usual, validity)
+            base = whole(mean, usual)
             told = usual.copy()
             told[:, frames] = 0
             without = solve(mean[:, clean], usual[:, clean], short.flow, short.validity, PARAMS, matte[clean]).value
             for kind in KINDS:
                 broken = corrupt(mean, kind, frames)
                 robust, report = robust_confidence(broken, weight, flow, validity, matte)
-                bridged = bridged_links(validity, report.frames)
                 found = {
-                    "plain": whole(broken, weight, validity),
-                    "robust": whole(broken, robust, validity),
-                    "robust, inconsistent": whole(broken, robust, bridged, report.frames),
-                    "told": whole(broken, told, validity),
+                    "plain": whole(broken, weight),
+                    "robust": whole(broken, robust),
+                    "robust, bridged": whole(broken, robust, report.frames),
+                    "told": whole(broken, told),
                     "left out": error(without),
                 }
                 cells = "  ".join(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from yesnt.temporal import energy, kernels, reference
+from yesnt.temporal import energy, linear_system, reference
 from yesnt.temporal.newton import NewtonSolver
 from yesnt.temporal.solver import channel_problem, check_inputs
 
@@ -39,12 +39,12 @@ def test_linear_operator_is_symmetric_and_its_diagonal_is_exact(problem_drawn):
     solver, inputs = solver_of(problem)
     rng, count = np.random.default_rng(0), inputs.geometry.pixels
     solver.evaluate(rng.random(count))
-    solver.qx[:], solver.qy[:] = rng.uniform(-0.7, 0.7, (2, count))
+    solver.duals.qx[:], solver.duals.qy[:] = rng.uniform(-0.7, 0.7, (2, count))
     solver.newton_direction(rng.random(count), 0.1, 1)
 
     def product(v):
         out = np.zeros_like(v)
-        solver.run(kernels.apply, v, out, solver.per_frame, inputs.geometry, solver.operator, solver.coupling)
+        solver.run(linear_system.apply, v, out, solver.per_frame, inputs.geometry, solver.matrix)
         return out
 
     kind = solver.z.dtype
@@ -55,7 +55,7 @@ def test_linear_operator_is_symmetric_and_its_diagonal_is_exact(problem_drawn):
     for p in rng.integers(0, count, 20):
         unit = np.zeros(count, kind)
         unit[p] = 1
-        assert product(unit)[p] * solver.inverse[p] == pytest.approx(1, rel=1e-5)
+        assert product(unit)[p] * solver.cg.inverse[p] == pytest.approx(1, rel=1e-5)
 
 
 def test_terms_of_a_constant_field_are_only_the_rounding_of_the_total_variation(pattern):

@@ -36,7 +36,7 @@ def test_the_bound_is_below_the_minimum_for_any_duals_and_any_point(problem_draw
     rng, count = np.random.default_rng(seed), inputs.geometry.pixels
     for scale in (0.0, 0.1, 1.0):
         angle, radius = rng.uniform(0, 2 * np.pi, count), scale * np.sqrt(rng.random(count))
-        solver.qx[:], solver.qy[:] = radius * np.cos(angle), radius * np.sin(angle)
+        solver.duals.qx[:], solver.duals.qy[:] = radius * np.cos(angle), radius * np.sin(angle)
         assert solver.bound(rng.normal(0.5, scale, count)) <= best * (1 + 1e-9)
 
 

@@ -7,7 +7,7 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from yesnt.cli.text import done_line
+from yesnt.cli.text import compiling_line, done_line
 from yesnt.core.stage_id import StageId
 
 
@@ -33,6 +33,8 @@ class LineProgress:
             print(f"Dask dashboard: {event['dashboard']}", flush=True)
         elif kind == "waiting":
             print(f"Waiting: {event['reason']}", flush=True)
+        elif kind in ("compiling", "compiled"):
+            print(compiling_line(event), flush=True)
         elif kind == "done":
             self._done += 1
             print(f"{done_line(event)}\nprogress {100 * self._done // max(1, self._total)}%", flush=True)
@@ -73,6 +75,8 @@ class BarProgress:
             self._progress.console.print(f"Dask dashboard: {event['dashboard']}")
         elif kind == "waiting":
             self._progress.console.print(f"Waiting: {event['reason']}")
+        elif kind in ("compiling", "compiled"):
+            self._progress.console.print(compiling_line(event))
         elif kind == "start":
             self._began.setdefault(_stage(event), time.monotonic())
         elif kind == "done":

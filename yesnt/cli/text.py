@@ -63,3 +63,11 @@ def done_line(event: Mapping[str, Any]) -> str:
     frames = event["frames"]
     span = str(frames[0]) if len(frames) == 1 else f"{frames[0]}-{frames[-1]}"
     return f"Frame {span} {event['stage']} done {event['seconds']:.1f}s {event['peak_bytes'] / 1e9:.2f}GB"
+
+
+def compiling_line(event: Mapping[str, Any]) -> str:
+    """Progress of the first run after an installation or a change of the kernels."""
+    line = f"compiling kernels {event['done']}/{event['total']} (once per version), {event['seconds']:.0f} s"
+    if event.get("failed"):
+        line += f"; a compiler ended with {event['failed'][0]}, tasks compile what they lack"
+    return line

@@ -6,27 +6,34 @@ keeps one, so the references of the caller are enough and counting is switched o
 The compiler refuses such a function if it allocates.
 
 Kernels with `fastmath` may be reassociated by the compiler. Those that decide (is a pixel hidden, which pixel is
-nearest) are compiled without, as `exact_*`.
+nearest) are compiled without, as `exact_*`. Functions that only kernels call have no entry points for Python and C,
+which take a tenth of the compile time.
 """
 
 from __future__ import annotations
 
-from numba import njit
+from types import MappingProxyType
+from typing import Any
 
-kernel = njit(cache=True, fastmath=True, error_model="numpy", _nrt=False)
+from yesnt.core.compiled import compiled
+
+_EXACT: MappingProxyType[str, Any] = MappingProxyType({"error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True})
+_EXACT_INNER: MappingProxyType[str, Any] = MappingProxyType({**_EXACT, "no_cpython_wrapper": True})
+
+kernel = compiled(**_EXACT_INNER, fastmath=True)
 """A function that other compiled functions call."""
 
-inlined = njit(cache=True, fastmath=True, error_model="numpy", _nrt=False, inline="always")
+inlined = compiled(**_EXACT_INNER, fastmath=True, inline="always")
 """The same for small parts, which are compiled into each of their callers."""
 
-entry = njit(cache=True, fastmath=True, error_model="numpy", _nrt=False, nogil=True)
+entry = compiled(**_EXACT, fastmath=True, nogil=True)
 """A function that Python calls over a range of pixels, in several threads (relight/ranges.py)."""
 
-exact_kernel = njit(cache=True, error_model="numpy", _nrt=False)
+exact_kernel = compiled(**_EXACT_INNER)
 """As `kernel`, in the order of arithmetic that the source states."""
 
-exact_inlined = njit(cache=True, error_model="numpy", _nrt=False, inline="always")
+exact_inlined = compiled(**_EXACT_INNER, inline="always")
 """As `inlined`, in the order of arithmetic that the source states."""
 
-exact_entry = njit(cache=True, error_model="numpy", _nrt=False, nogil=True)
+exact_entry = compiled(**_EXACT, nogil=True)
 """As `entry`, in the order of arithmetic that the source states."""

@@ -11,9 +11,9 @@ from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from yesnt.core.compiled import compiled
 from yesnt.core.errors import JobError
 from yesnt.relight.lights import Clusters
 from yesnt.relight.predict import bounces_worth
@@ -179,7 +179,7 @@ class ProxyScene:
         return known[nearest].astype(np.float32)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _rays(origins, normals, directions, reach, wanted):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Rays of points [P, 3] to clusters [3, C] above the horizon: flat index [R], origins, unit directions [R, 3]."""
     count, clusters = origins.shape[0], directions.shape[1]

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from yesnt.core.errors import ClusterLostError, MissingPartError, UsageError
 from yesnt.core.threads import THREAD_VARIABLES, pin_threads
+from yesnt.runtime.precompile import compile_missing
 from yesnt.runtime.stop_cluster import children_without_interrupt, start_quiet_tracker, stop_now
 
 if TYPE_CHECKING:
@@ -115,7 +116,7 @@ def open_cluster(spec: ClusterSpec, modules: tuple[str, ...] = ()) -> Iterator[C
     with dask.config.set(dask_settings()), _quiet(), _address(spec) as address:
         client = _connect(address)
         try:
-            _prepare_workers(client, _prepare_plugin(modules))
+            _prepare_workers(client, _prepare_plugin(modules, compiles=spec.kind != "local"))
             yield client
         except KeyboardInterrupt:
             stop_now(client)
@@ -269,25 +270,28 @@ def _close(client: Client) -> None:
         client.close(timeout=5)
 
 
-def _prepare_plugin(modules: tuple[str, ...]) -> Any:
+def _prepare_plugin(modules: tuple[str, ...], compiles: bool) -> Any:
     from distributed import WorkerPlugin
 
     class Prepare(WorkerPlugin):
         """Readies a worker before its first task, also one that takes a dead worker's place.
 
-        Pinning matters in workers that were started without our environment (a user's own cluster).
+        Pinning matters in workers that were started without our environment (a user's own cluster). These also compile
+        the kernels; the workers of one host share that work.
         """
 
         name = "yesnt-prepare"
         idempotent = True
 
         async def setup(self, worker: Any) -> None:
-            """Pins, then imports in a thread, so that the worker's heart beats meanwhile."""
+            """Pins, then imports and compiles in a thread, so that the worker's heart beats meanwhile."""
             import asyncio
 
             del worker
             os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
             await asyncio.to_thread(import_all, modules)
+            if compiles and modules:
+                await asyncio.to_thread(compile_missing)
             pin_threads()
 
     return Prepare()

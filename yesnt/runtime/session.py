@@ -28,6 +28,7 @@ from yesnt.planning.stages import FORMER_ARRAYS, STAGES
 from yesnt.runtime.cluster import ClusterSpec, address_of, check_kind, dashboard_of, open_cluster, warm_up
 from yesnt.runtime.driver import Driver, DriverSettings, Outcome, is_done
 from yesnt.runtime.input_checks import InputChecks
+from yesnt.runtime.precompile import Precompilation
 from yesnt.runtime.preflight import Progress, Resolved, no_progress, resolve
 from yesnt.runtime.stop_cluster import stop_now
 from yesnt.tasks.run import run_node, worker_modules
@@ -174,7 +175,7 @@ class Session:
         result = RunResult(warnings=warnings, output=self.output.root)
         with _LazyCluster(options.cluster, worker_modules(self.job.shot)) as cluster:
             if any(not is_done(self.book, node) for node in wanted):
-                cluster.begin()
+                cluster.begin(listen)
             result.warnings += self.checks.content()
             with self.output.lock(), self._events(listen) as tell:
                 self.remember()
@@ -259,18 +260,26 @@ class Session:
 
 
 class _LazyCluster:
-    """A cluster that starts beside other work, and only if there is something to do."""
+    """A cluster that starts beside other work, and only if there is something to do.
+
+    The kernels of local workers are compiled in the same time, each once.
+    """
 
     def __init__(self, spec: ClusterSpec, modules: tuple[str, ...]) -> None:
         self._spec, self._modules, self._stack = spec, modules, ExitStack()
-        self._starter = ThreadPoolExecutor(1, "yesnt-cluster")
+        self._starter = ThreadPoolExecutor(2, "yesnt-cluster")
         self._started: Future[Any] | None = None
         self._told = False
+        self._compiled: Future[None] | None = None
+        self._compiling: Precompilation | None = None
         self.dashboard = ""
 
-    def begin(self) -> None:
-        """Starts the workers and their imports in the background; errors are told by `client`."""
+    def begin(self, listen: Listener) -> None:
+        """Starts the workers and compiles kernels in the background; errors are raised by `client`."""
         if self._started is None:
+            if self._spec.kind == "local":
+                self._compiling = Precompilation()
+                self._compiled = self._starter.submit(self._compiling.wait, listen)
             warm_up(self._spec, self._modules)
             self._started = self._starter.submit(
                 lambda: self._stack.enter_context(open_cluster(self._spec, self._modules))
@@ -278,9 +287,11 @@ class _LazyCluster:
 
     def client(self, tell: Listener) -> Any:
         """The client, started if need be."""
-        self.begin()
+        self.begin(tell)
         assert self._started is not None
         client = self._started.result()
+        if self._compiled is not None:
+            self._compiled.result()
         if not self._told:
             self.dashboard, self._told = dashboard_of(client), True
             tell({"event": "cluster", "dashboard": self.dashboard, "scheduler": address_of(client)})
@@ -290,7 +301,9 @@ class _LazyCluster:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *rest: Any) -> None:
-        """Stops the workers, if there are any; at once if the user interrupts the run."""
+        """Stops the compilers and the workers, if there are any; at once if the user interrupts the run."""
+        if self._compiling is not None:
+            self._compiling.close()
         if kind is None or not issubclass(kind, KeyboardInterrupt):
             self._starter.shutdown(wait=True)
             self._stack.close()

@@ -17,8 +17,8 @@ from yesnt.tasks.decoded import release_memory
 from yesnt.tasks.observations import observed
 from yesnt.tasks.workspace import Workspace
 from yesnt.temporal import BlockLists, solve_lists
+from yesnt.temporal.bridging import bridge
 from yesnt.temporal.geometry import Geometry, PackedMasks, build_geometry, drop_spatial_term
-from yesnt.temporal.outliers import bridge
 
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -97,7 +97,7 @@ def listed(window: Window, read: Callable[[int], Float32]) -> Float32:
                 "The solver was given NaN or infinity", f"frame {frame}, inside the matte", "finite materials",
                 "make the frame again: `yesnt retry`",
             )  # fmt: skip
-        parts.append(part)
+        parts.append(np.ascontiguousarray(part))
     return np.concatenate(parts, axis=1)
 
 

@@ -14,12 +14,12 @@ from yesnt.temporal.blocks import (
     sweeps_needed,
     vertical_reach,
 )
+from yesnt.temporal.bridging import bridged_links, solve_bridged
 from yesnt.temporal.flow import FlowSettings, flow_and_validity, flow_validity
 from yesnt.temporal.outliers import (
     OUTLIER_HALO,
     OutlierReport,
     OutlierSettings,
-    bridged_links,
     consistent_members,
     robust_confidence,
 )
@@ -50,6 +50,7 @@ __all__ = [
     "robust_confidence",
     "solve",
     "solve_block",
+    "solve_bridged",
     "solve_lists",
     "sweeps_needed",
     "vertical_reach",

@@ -202,7 +202,9 @@ def _solve_channel(lists: BlockLists, channel: int, params: EnergyParams, tolera
     """Solves one channel in its place; nothing of the work stays while the next one is solved."""
     run, outer = METHODS[method]
     limits = Limits(BLOCK_GAP, tolerance if method == "default" else np.inf, outer)
-    problem = Problem(lists.geometry, lists.observed[channel], lists.confidence[channel], params)
+    # One memory layout only, because Numba compiles kernels once per layout.
+    observed, confidence = (np.ascontiguousarray(array[channel]) for array in (lists.observed, lists.confidence))
+    problem = Problem(lists.geometry, observed, confidence, params)
     state = run(problem, lists.start[channel].astype(np.float64), limits)
     lists.start[channel] = state.x
     return state.outcome

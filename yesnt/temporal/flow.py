@@ -1,7 +1,7 @@
-"""Optical flow between two frames of the plate and where to trust it (method.md section 4).
+"""Optical flow between two frames of the plate, and its validity (docs/method.md section 4).
 
-Flow is a choice: OpenCV's DIS in four presets and DeepFlow here; a learned or a precomputed flow only has to deliver
-forward and backward arrays to `consistency`.
+Methods: OpenCV's DIS in three presets, DeepFlow, and a learned flow whose network the caller loads. A flow from another
+source only needs its validity: `flow_validity`.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ Matcher = Callable[[NDArray[np.uint8], NDArray[np.uint8]], Single]
 FlowMethod = Literal["dis-fast", "dis-medium", "dis-quality", "deepflow", "spynet"]
 
 LEARNED: tuple[FlowMethod, ...] = ("spynet",)
-"""Methods that need weights."""
+"""Methods that need a file of weights."""
 
 
 @dataclass(frozen=True)
 class FlowSettings:
-    """How flow is found and trusted; the defaults were chosen on data, see docs/temporal.md.
+    """Flow method and thresholds of its validity; the defaults were chosen on data, see docs/temporal.md.
 
     Attributes:
         method: cheapest first: dis-fast, dis-medium, dis-quality (finest scale 0, 25 gradient steps, 10 variational
             iterations), deepflow; spynet, a learned flow whose weights the caller loads and passes as `match`.
-        relative: how much of |f|^2 + |b|^2 the squared forward-backward error may be.
-        absolute: plus this much, pixels^2. The pair of Sundaram et al., (0.01, 0.5), rejects much good flow.
-        photometric: sRGB difference at which validity falls to 1/e; infinite: colour is not compared and validity is
+        relative: largest squared forward-backward error, as a share of |f|^2 + |b|^2.
+        absolute: added to it, pixels^2. The pair of Sundaram et al., (0.01, 0.5), rejects much good flow.
+        photometric: sRGB difference at which validity falls to 1/e; infinite: colours are not compared and validity is
             0 or 1.
-        cut: validity from which a link counts in full, and below which not at all; 0: the weight stays soft.
+        cut: threshold that makes validity binary; 0: validity stays continuous.
     """
 
     method: FlowMethod = "dis-quality"
@@ -63,11 +63,14 @@ def flow_and_validity(
         matte_t: [H, W] bool or coverage (matte where > 0.5).
         matte_t1: [H, W] of the next frame.
         settings: method and thresholds.
-        match: a flow of your own instead of the method, for instance `spynet.SpyNet`: two 8-bit sRGB pictures
-            [H, W, 3] to [H, W, 2].
+        match: function from two 8-bit sRGB images [H, W, 3] to a flow [H, W, 2], used instead of the method, for
+            instance `spynet.SpyNet`.
 
     Returns:
-        flow [H, W, 2] float32 pixels (dx, dy), and validity [H, W] float32 in [0, 1], 0 outside the matte.
+        Flow [H, W, 2] float32 in pixels (dx, dy); and validity [H, W] float32 in [0, 1], 0 outside the matte.
+
+    Raises:
+        JobError: the method needs weights and `match` is None.
     """
     mask_t, mask_t1 = np.asarray(matte_t) > 0.5, np.asarray(matte_t1) > 0.5
     if match is None and settings.method in LEARNED:
@@ -96,11 +99,11 @@ def flow_validity(
     mask_t1: Mask,
     settings: FlowSettings,
 ) -> Single:
-    """Validity [H, W] in [0, 1] of a flow from anywhere, for instance a renderer or a network.
+    """Validity [H, W] in [0, 1] of a flow from any source, for instance a renderer.
 
     Args:
         forward: [H, W, 2] pixels, frame t to t+1, x right and y down.
-        backward: [H, W, 2] pixels, frame t+1 to t; None where nobody delivers it: then colour alone decides.
+        backward: [H, W, 2] pixels, frame t+1 to t; None if unknown: then validity depends on colour alone.
         rgb_t: [H, W, 3] straight linear Rec.709.
         rgb_t1: [H, W, 3] of the next frame.
         mask_t: [H, W] bool matte.
@@ -114,19 +117,19 @@ def flow_validity(
 
 
 def encode_grey(rgb: Single, mask: Mask) -> NDArray[np.uint8]:
-    """8-bit sRGB grey `[H, W]` for matching; outside the matte a constant mid grey, so that no background pulls."""
+    """8-bit sRGB grey `[H, W]` for matching; constant outside the matte, so that the background is not matched."""
     grey = 255.0 * srgb_encode(luminance(rgb.astype(np.float32, copy=False)))
     return np.where(mask, np.rint(grey), 128).astype(np.uint8)
 
 
 def encode_colour(rgb: Single, mask: Mask) -> NDArray[np.uint8]:
-    """8-bit sRGB `[H, W, 3]` for a learned flow; outside the matte mid grey, as in `encode_grey`."""
+    """8-bit sRGB `[H, W, 3]` for a learned flow; mid grey outside the matte."""
     colour = np.rint(255.0 * srgb_encode(rgb.astype(np.float32, copy=False)))
     return np.where(mask[..., None], colour, 128).astype(np.uint8)
 
 
 def dense_flow(grey_t: NDArray[np.uint8], grey_t1: NDArray[np.uint8], method: FlowMethod) -> Single:
-    """Flow `[H, W, 2]` pixels from one 8-bit picture to the next. Frames too small for the method get zero flow."""
+    """Flow `[H, W, 2]` in pixels from one 8-bit image [H, W] to the next; 0 for frames too small for the method."""
     import cv2
 
     height, width = grey_t.shape
@@ -158,10 +161,10 @@ def consistency(forward: Single, backward: Single, mask_t: Mask, mask_t1: Mask, 
 def photometric_weight(
     forward: Single, rgb_t: Single, rgb_t1: Single, mask_t: Mask, mask_t1: Mask, scale: float
 ) -> Single:
-    """Weight [H, W] in [0, 1] from the colour that the flow leads to: exp(-(d / scale)^2).
+    """Weight exp(-(d / scale)^2) [H, W] in [0, 1] from the colour difference d along the flow.
 
     d is the largest sRGB difference of the three channels between p in frame t and p + f in t+1, averaged over 3 x 3
-    pixels. Occlusions and lost limbs change colour far more often than they break forward-backward consistency.
+    pixels. Occlusions change the colour far more often than they break forward-backward consistency.
     """
     if np.isinf(scale):
         return mask_t.astype(np.float32)
@@ -172,7 +175,7 @@ def photometric_weight(
 
 
 def box_mean(image: NDArray[Any], mask: Mask, size: int) -> Single:
-    """Mean of the masked pixels of `image` [H, W] in a box of `size`; 0 where there is none."""
+    """Mean of the masked pixels of `image` [H, W] in a box of `size` pixels; 0 where the box holds none."""
     import cv2
 
     total = cv2.boxFilter((image * mask).astype(np.float32), -1, (size, size), normalize=False)

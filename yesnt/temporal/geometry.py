@@ -1,7 +1,7 @@
 """Matte pixels as compact lists: neighbours in the frame and bilinear stencils along the flow.
 
-A pixel's index counts matte pixels by frame, row, column. Everything the solver touches is per matte pixel, so its time
-and memory follow the actor and not the frame. Both material channels share one `Geometry`.
+A pixel's index counts matte pixels by frame, row, column. All arrays of the solver have one entry per matte pixel, so
+its time and memory depend on the size of the matte, not of the frame. All material channels share one `Geometry`.
 """
 
 from __future__ import annotations
@@ -9,8 +9,12 @@ from __future__ import annotations
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from yesnt.core.compiled import compiled
+
+listing = compiled(_nrt=False, no_cfunc_wrapper=True)
+"""Decorator of functions that fill their caller's arrays: no reference counting (`_nrt`)."""
 
 HAS_RIGHT = 1
 FIXED = 2
@@ -18,14 +22,14 @@ HAS_DOWN = 4
 
 
 class Frames(Protocol):
-    """Frames by position: an array, or a reader."""
+    """Frames that can be indexed by position: an array, or a reader."""
 
     def __getitem__(self, position: int, /) -> Any:
-        """The frame at a position."""
+        """Returns the frame at a position."""
 
 
 class Geometry(NamedTuple):
-    """Index lists of N matte pixels in T frames (a named tuple, because numba's kernels take it as it is).
+    """Index lists of N matte pixels in T frames (a named tuple, because Numba's kernels accept it).
 
     Attributes:
         frames: [T + 1] int64, pixels of frame t are frames[t] .. frames[t + 1].
@@ -48,12 +52,12 @@ class Geometry(NamedTuple):
 
     @property
     def pixels(self) -> int:
-        """How many matte pixels there are in all frames."""
+        """Number of matte pixels in all frames."""
         return int(self.frames[-1])
 
 
 class PackedMasks:
-    """Masks [T, H, W] at one bit a pixel; a frame is unpacked when it is asked for."""
+    """Masks [T, H, W], stored with one bit per pixel; indexing unpacks a frame."""
 
     def __init__(self, shape: tuple[int, int, int]) -> None:
         self.shape = shape
@@ -76,10 +80,16 @@ def build_geometry(
     validity: Frames,
     fixed: NDArray[np.bool_] | PackedMasks | None = None,
 ) -> Geometry:
-    """Lists the matte pixels `[T, H, W]` and their links.
+    """Lists the matte pixels and their links.
 
-    `flow` [T-1, H, W, 2] and `validity` [T-1, H, W] are as in `solve`, or anything that gives a frame when indexed: a
-    frame is asked for once, so that a task need not hold them all. `fixed` [T, H, W] marks given pixels.
+    Args:
+        matte: [T, H, W].
+        flow: [T-1, H, W, 2] as in `solve`, or a reader of frames; each frame is read once, in order.
+        validity: [T-1, H, W] as in `solve`, or a reader of frames.
+        fixed: [T, H, W], True where the value is given; None: nowhere.
+
+    Raises:
+        ValueError: the matte has 2^31 pixels or more.
     """
     frames = np.cumsum([0, *(np.count_nonzero(matte[t]) for t in range(len(matte)))])
     if frames[-1] >= 2**31 - 1:
@@ -94,27 +104,28 @@ def build_geometry(
         weights=np.zeros((count, 4), np.float32),
         link=np.zeros(count, np.float32),
     )
-    index_now = _frame_index(matte[0], 0)
+    mask, index = matte[0], _frame_index(matte[0], 0)
     for t in range(len(matte)):
         part = slice(int(frames[t]), int(frames[t + 1]))
-        _neighbours(index_now, geometry.flags[part], geometry.down[part])
+        _neighbours(index, geometry.flags[part], geometry.down[part])
         if fixed is not None:
-            geometry.flags[part] |= (FIXED * fixed[t][matte[t]]).astype(np.uint8)
+            geometry.flags[part] |= (FIXED * fixed[t][mask]).astype(np.uint8)
         if t + 1 < len(matte):
-            index_next = _frame_index(matte[t + 1], int(frames[t + 1]))
-            stencil = (geometry.top[part], geometry.bottom[part], geometry.weights[part], geometry.link[part])
+            mask_next = matte[t + 1]
+            index_next = _frame_index(mask_next, int(frames[t + 1]))
             if frames[t + 2] > frames[t + 1]:
                 span = (int(frames[t + 1]), int(frames[t + 2]))
-                _stencils(index_now, index_next, span, flow[t], validity[t], *stencil)
-            index_now = index_next
+                links = (np.ascontiguousarray(array[t][mask]) for array in (flow, validity))
+                _stencils(int(frames[t]), index, index_next, span, *links, geometry)
+            mask, index = mask_next, index_next
     return geometry
 
 
 def drop_spatial_term(geometry: Geometry, t: int, linked: NDArray[np.bool_]) -> None:
-    """Takes the spatial neighbours from the `linked` pixels [n] of frame t, which has no say of its own.
+    """Removes the spatial term of the `linked` pixels [n] of frame t, in place.
 
-    Where a frame's data weigh nothing, nothing holds against the total variation: it would flatten the frame, which
-    would then pull at its neighbours. Pixels without a link keep it, since nothing else fills them in.
+    Where a frame has no data weight, the total variation alone would flatten it, and the frame would then pull at its
+    neighbours through the links. Pixels without a link keep the term, because nothing else determines them.
     """
     geometry.flags[int(geometry.frames[t]) : int(geometry.frames[t + 1])][linked] &= FIXED
 
@@ -126,7 +137,7 @@ def _frame_index(matte: NDArray[np.bool_], first: int) -> NDArray[np.int32]:
     return index
 
 
-@njit(cache=True)
+@listing
 def _neighbours(index, flags, down):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Fills the spatial neighbours of one frame."""
     height, width = index.shape
@@ -142,7 +153,7 @@ def _neighbours(index, flags, down):  # type: ignore[no-untyped-def]  # noqa: AN
                 p += 1
 
 
-@njit(cache=True)
+@listing
 def _row_stencil(index, first, last, row, x0, fx, share):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Index of the left sample of one row and the weights of the two; absent samples weigh 0.
 
@@ -163,28 +174,31 @@ def _row_stencil(index, first, last, row, x0, fx, share):  # type: ignore[no-unt
     return only - 1, 0.0, weight
 
 
-@njit(cache=True)
-def _stencils(index_now, index_next, span, flow, validity, top, bottom, weights, link):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Fills the bilinear stencils of one frame; positions are float64, so 4K columns keep their fraction.
+@listing
+def _stencils(first_now, index_now, index_next, span, flow, validity, geometry):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Fills the bilinear stencils of one frame's n pixels from their flow [n, 2] and validity [n].
 
-    `span` is (first, last) index of the next frame's pixels, of which there is at least one.
+    `first_now` is the index of the frame's first pixel, `span` is (first, last) of the next frame's pixels, of which
+    there is at least one. Positions are float64, so that columns of a 4K frame keep their fraction.
     """
     first, last = span
     height, width = index_now.shape
-    p = 0
+    top, bottom, weights, link = geometry.top, geometry.bottom, geometry.weights, geometry.link
+    n = 0
     for i in range(height):
         for j in range(width):
             if index_now[i, j] < 0:
                 continue
+            p = first_now + n
             top[p] = bottom[p] = first if last - first > 1 else first - 1
-            x, y = j + np.float64(flow[i, j, 0]), i + np.float64(flow[i, j, 1])
-            if 0.0 <= x <= width - 1.0 and 0.0 <= y <= height - 1.0 and validity[i, j] > 0:
+            x, y = j + np.float64(flow[n, 0]), i + np.float64(flow[n, 1])
+            if 0.0 <= x <= width - 1.0 and 0.0 <= y <= height - 1.0 and validity[n] > 0:
                 x0, y0 = int(x), int(y)
                 upper, w0, w1 = _row_stencil(index_next, first, last, y0, x0, x - x0, 1.0 - (y - y0))
                 lower, w2, w3 = _row_stencil(index_next, first, last, y0 + 1, x0, x - x0, y - y0)
                 total = w0 + w1 + w2 + w3
                 if total >= 0.5:
-                    top[p], bottom[p], link[p] = upper, lower, validity[i, j]
+                    top[p], bottom[p], link[p] = upper, lower, validity[n]
                     weights[p, 0], weights[p, 1] = w0 / total, w1 / total
                     weights[p, 2], weights[p, 3] = w2 / total, w3 / total
-            p += 1
+            n += 1

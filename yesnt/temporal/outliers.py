@@ -28,10 +28,6 @@ WINDOW = 4
 MEDIAN_OF_MEAN = 0.845
 """Median over mean of the absolute value of a normal variable."""
 
-BRIDGE = 2.0
-"""Weight of fully valid links into and out of an inconsistent frame. The frame has no data of its own; two links of
-twice the stiffness in series couple the two frames beside it as strongly as one link of weight 1."""
-
 OUTLIER_HALO = REACH + WINDOW
 """Frames of halo with which a block gets the same confidence as the whole sequence."""
 
@@ -122,23 +118,6 @@ def robust_confidence(
     frames = tuple(t for t, r in enumerate(ratio) if r > settings.limit)
     result = inputs.confidence * np.stack([one.weight for one in found], axis=1)
     return result.reshape(np.shape(observed)), OutlierReport(ratio, tuple(t.downweighted for t in found), frames)
-
-
-def bridged_links(validity: Any, frames: tuple[int, ...]) -> Single:
-    """Validity [T-1, H, W] with `bridge` around inconsistent frames (`OutlierReport.frames`)."""
-    links = np.array(validity, np.float32)
-    around = sorted({t for frame in frames for t in (frame - 1, frame) if 0 <= t < len(links)})
-    links[around] = bridge(links[around])
-    return links
-
-
-def bridge(validity: Single) -> Single:
-    """Weight of the links of an inconsistent frame: `BRIDGE` times the validity squared.
-
-    A frame without data follows its links however small their weight is, and both of two links in series must be right.
-    Squaring the validity accounts for both.
-    """
-    return (BRIDGE * validity * validity).astype(np.float32)
 
 
 def frame_consistency(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from yesnt.core.errors import JobError
 from yesnt.temporal.adam import solve_adam
-from yesnt.temporal.geometry import Geometry, build_geometry, drop_spatial_term
+from yesnt.temporal.geometry import Geometry, build_geometry
 from yesnt.temporal.newton import Array, Limits, NewtonSolver, Outcome, Problem, State, solve_newton
 from yesnt.temporal.params import EnergyParams, Solution, SolveStats
 
@@ -75,7 +75,6 @@ def solve(
     matte: Any = None,
     tolerance: float = 1e-4,
     method: Method = "default",
-    inconsistent: tuple[int, ...] = (),
 ) -> Solution:
     """Minimises F; arguments as in `energy`.
 
@@ -90,8 +89,6 @@ def solve(
         matte: [T, H, W] or None.
         tolerance: the solver stops once (F - F*) / F* is proven to be at most this.
         method: "default", or "adam" for the paper's.
-        inconsistent: indices of inconsistent frames (`OutlierReport.frames`): F has no spatial term on their linked
-            pixels.
 
     Returns:
         The minimiser, float32, like `observed`, and what the solver did.
@@ -102,11 +99,16 @@ def solve(
     started = time.perf_counter()
     if method not in METHODS:
         raise JobError(f"unknown solver {method!r}", "method", f"one of {', '.join(METHODS)}", "choose one of these")
-    run, outer = METHODS[method]
     inputs = check_inputs(observed, confidence, flow, validity, matte)
-    for t in inconsistent:
-        part = slice(int(inputs.geometry.frames[t]), int(inputs.geometry.frames[t + 1]))
-        drop_spatial_term(inputs.geometry, t, inputs.geometry.link[part] > 0)
+    solution = solve_inputs(inputs, params, tolerance, method)
+    seconds = time.perf_counter() - started
+    return Solution(_like(solution.value, observed), replace(solution.stats, seconds=seconds))
+
+
+def solve_inputs(inputs: Inputs, params: EnergyParams, tolerance: float, method: Method = "default") -> Solution:
+    """`solve` for checked inputs; the value is [C, T, H, W]."""
+    started = time.perf_counter()
+    run, outer = METHODS[method]
     limits = Limits(tolerance=tolerance, outer=outer)
     value, outcomes = inputs.observed.copy(), []
     for channel in range(len(value)):
@@ -114,8 +116,7 @@ def solve(
         state = run(problem, problem.observed.astype(np.float64), limits)
         value[channel][inputs.matte] = state.x
         outcomes.append(state.outcome)
-    stats = collect_stats(outcomes, tolerance, inputs.geometry.pixels, time.perf_counter() - started)
-    return Solution(_like(value, observed), stats)
+    return Solution(value, collect_stats(outcomes, tolerance, inputs.geometry.pixels, time.perf_counter() - started))
 
 
 def collect_stats(outcomes: list[Outcome], tolerance: float, pixels: int, seconds: float) -> SolveStats:

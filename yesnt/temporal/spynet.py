@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 LEVELS = 6
 LAYERS = (0, 2, 4, 6, 8)
-"""Positions of the convolutions; a ReLU stands between two."""
+"""Positions of the convolutions in a level; a ReLU follows each but the last."""
 
 MEAN, STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 """Normalisation of sRGB in [0, 1] that the network was trained with (ImageNet's)."""

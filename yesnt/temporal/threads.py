@@ -1,6 +1,6 @@
-"""Runs kernels on groups of frames, a thread to each group. Kernels release the interpreter, so plain threads do.
+"""Runs kernels on groups of frames, one thread per group. Kernels release the interpreter lock.
 
-(numba's own `prange` compiles for twice as long and makes small problems wait for its threads on a busy machine.)
+Numba's `prange` takes twice as long to compile, and small problems wait for its threads on a busy machine.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from yesnt.temporal.geometry import Geometry
 
 PIXELS_PER_THREAD = 100_000
-"""Matte pixels that are worth a thread."""
+"""Matte pixels per thread; for fewer a thread costs more than it saves."""
 
 
 def frame_groups(geometry: Geometry, threads: int) -> NDArray[np.int64]:
-    """Splits the frames into at most `threads` runs of about equal pixel counts; edges [G + 1].
+    """Splits the frames into at most `threads` groups of similar pixel counts; returns their edges [G + 1].
 
-    One run if a frame has a single pixel, because its stencils then touch the frame before (geometry.py).
+    One group if a frame has a single pixel, because stencils into it then touch the frame before (geometry.py).
     """
     frames = geometry.frames
     if np.any(np.diff(frames) == 1):
@@ -33,7 +33,7 @@ def frame_groups(geometry: Geometry, threads: int) -> NDArray[np.int64]:
 
 
 class FrameThreads:
-    """As many threads as numba is allowed (NUMBA_NUM_THREADS), as far as the problem is worth them."""
+    """Runs kernels with at most NUMBA_NUM_THREADS threads, fewer for small problems."""
 
     def __init__(self, geometry: Geometry) -> None:
         threads = max(1, min(get_num_threads(), geometry.pixels // PIXELS_PER_THREAD))
@@ -42,7 +42,7 @@ class FrameThreads:
         self.pool = ThreadPoolExecutor(len(self.spans), "frames") if len(self.spans) > 1 else None
 
     def run(self, kernel: Callable[..., None], *arguments: Any) -> None:
-        """Calls kernel(first, last, *arguments) for every group and waits."""
+        """Calls kernel(first, last, *arguments) for every group of frames and waits."""
         if self.pool is None:
             for first, last in self.spans:
                 kernel(first, last, *arguments)

@@ -1,4 +1,4 @@
-"""What neighbouring frames predict for a frame along the flow, from few frames in memory at a time."""
+"""Predictions of a frame's values by its neighbours along the flow; keeps few frames in memory."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ REACH = 2
 
 @dataclass(frozen=True)
 class ObservedFrame:
-    """One frame as it is read.
+    """One frame as the caller reads it.
 
     Attributes:
         observed: [C, H, W].
@@ -36,7 +36,14 @@ class ObservedFrame:
 
 @dataclass(frozen=True)
 class Pair:
-    """Links of one frame's n pixels into the next frame's m: corners [4, n], weights [4, n], link [n]."""
+    """Links of one frame's n pixels to the next frame's m pixels.
+
+    Attributes:
+        corners: [4, n] indices of the bilinear samples in the next frame.
+        weights: [4, n] their weights, 0 for absent samples.
+        link: [n] validity.
+        following: m.
+    """
 
     corners: NDArray[np.uint32]
     weights: Single
@@ -45,19 +52,19 @@ class Pair:
 
     @classmethod
     def between(cls, here: ObservedFrame, matte: Mask) -> Pair:
-        """The links of a frame into the next one, whose matte is given."""
+        """Builds the links of a frame to the next one, whose matte [H, W] is given."""
         assert here.flow is not None
         assert here.validity is not None
         geometry = build_geometry(np.stack([here.matte, matte]), here.flow[None], here.validity[None])
         count = int(geometry.frames[1])
         first = np.stack([geometry.top, geometry.top + 1, geometry.bottom, geometry.bottom + 1])[:, :count]
-        # Absent corners weigh nothing; what index they have does not matter as long as it exists.
+        # Absent corners have weight 0: any index inside the frame will do.
         following = geometry.pixels - count
         corners = np.clip(first.astype(np.int64) - count, 0, max(following - 1, 0)).astype(np.uint32)
         return cls(corners, geometry.weights[:count].T.copy(), geometry.link[:count].copy(), following)
 
     def from_next(self, values: Single) -> Single:
-        """W values: what the next frame [m] says about this one [n]; NaN where no valid link leads."""
+        """Warps the next frame's values [m] to this frame (W): [n], NaN without a valid link."""
         total = np.zeros(len(self.link), np.float32)
         if self.following:
             for index, weight in zip(self.corners, self.weights, strict=True):
@@ -65,7 +72,7 @@ class Pair:
         return np.where(self.link > 0.5, total, np.nan).astype(np.float32)
 
     def from_previous(self, values: Single) -> Single:
-        """W^T values over W^T 1: what this frame [n] says about the next [m]; NaN where less than half arrives."""
+        """Splats this frame's values [n] into the next (W^T values / W^T 1): [m], NaN below half the weight."""
         total, count = np.zeros(self.following), np.zeros(self.following)
         known = (self.link > 0.5) & ~np.isnan(values)
         for index, weight in zip(self.corners, self.weights, strict=True):
@@ -76,7 +83,12 @@ class Pair:
 
 
 class Tracks:
-    """Reads frames as the residuals need them and forgets them again."""
+    """Computes the residuals of a sequence; holds the frames within `REACH` of the current one.
+
+    Args:
+        read: returns the frame at a position; called once per frame, in order.
+        length: number of frames.
+    """
 
     def __init__(self, read: Callable[[int], ObservedFrame], length: int) -> None:
         self._read, self._length, self._next = read, length, 0
@@ -86,9 +98,9 @@ class Tracks:
         self.mattes: dict[int, Mask] = {}
 
     def residual(self, t: int) -> Single:
-        """|value - median of the value and its predictions along the flow| of each pixel of frame t, [C, n].
+        """Distance of each pixel of frame t from the median of its value and its predictions: [C, n].
 
-        0 where fewer than two predictions reach the pixel: with one, nobody can tell who is wrong.
+        0 where fewer than two predictions reach the pixel, because then there is no majority.
         """
         while self._next <= min(t + REACH, self._length - 1):
             self._load(self._next)
@@ -121,14 +133,14 @@ class Tracks:
         return np.where(count >= 3, np.abs(here - 0.5 * (lower + upper)), 0.0).astype(np.float32)
 
     def _carried_back(self, t: int, k: int, channel: int) -> Single:
-        """Frame t + k as frame t sees it."""
+        """Values of frame t + k, warped back to frame t."""
         values = self._values[t + k][channel]
         for step in reversed(range(t, t + k)):
             values = self._pairs[step].from_next(values)
         return values
 
     def _carried_on(self, t: int, k: int, channel: int) -> Single:
-        """Frame t - k as frame t sees it."""
+        """Values of frame t - k, splatted forward to frame t."""
         values = self._values[t - k][channel]
         for step in range(t - k, t):
             values = self._pairs[step].from_previous(values)

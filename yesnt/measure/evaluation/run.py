@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -28,6 +28,7 @@ from yesnt.measure.evaluation.tasks import run_evaluation_node
 from yesnt.planning.graph import Graph, NodeId
 from yesnt.runtime.cluster import ClusterSpec, open_cluster
 from yesnt.runtime.driver import Driver
+from yesnt.runtime.precompile import Precompilation
 from yesnt.runtime.session import Session
 from yesnt.workflows.evaluate import constants_graph, evaluation_graph, ladder_graph
 
@@ -210,6 +211,9 @@ class _Drive:
     def _cluster(self) -> Any:
         if self._client is None:
             spec = ClusterSpec(self._options.cluster, self._options.workers)
+            if spec.kind == "local":
+                with closing(Precompilation()) as compilation:
+                    compilation.wait(self._listen)
             self._client = self._stack.enter_context(open_cluster(spec))
             self._listen({"event": "cluster", "dashboard": self._client.dashboard_link or ""})
         return self._client

@@ -8,9 +8,9 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from yesnt.core.compiled import compiled
 from yesnt.training.synthetic.light import LEVELS, Light, environment_brdf
 from yesnt.training.synthetic.shapes import GeometryBuffer
 from yesnt.training.synthetic.tiles import tile_bank, tile_index
@@ -109,7 +109,7 @@ def _ambient_occlusion(geometry: GeometryBuffer) -> Float32:
     return open_air.astype(np.float32)
 
 
-@njit(cache=True, fastmath=True)
+@compiled(fastmath=True)
 def _bilinear(tile: Float32, u: float, v: float) -> float:
     size = tile.shape[0]
     fu, fv = math.floor(u), math.floor(v)
@@ -121,7 +121,7 @@ def _bilinear(tile: Float32, u: float, v: float) -> float:
     return upper * (1 - dv) + lower * dv
 
 
-@njit(cache=True, fastmath=True)
+@compiled(fastmath=True)
 def _texture(
     uv: Float32, material: Int32, materials: Any, tiles: Float32, slow: Float32, fold: Float32, out: Float32
 ) -> None:
@@ -144,7 +144,7 @@ def _texture(
                 out[2, i, j] += m.fold * _bilinear(fold, 1.7 * u * m.fold_frequency, v * m.fold_frequency)
 
 
-@njit(cache=True, fastmath=True)
+@compiled(fastmath=True)
 def _place(x: float, y: float, z: float, h: int, w: int) -> Any:
     """Texel column and row of a direction in a lat-long map, and the fractions."""
     v = math.acos(min(1.0, max(-1.0, -y))) / math.pi * h - 0.5
@@ -153,7 +153,7 @@ def _place(x: float, y: float, z: float, h: int, w: int) -> Any:
     return int(fu), int(fv), u - fu, v - fv
 
 
-@njit(cache=True, fastmath=True)
+@compiled(fastmath=True)
 def _lookup(table: Float32, place: Any, c: int) -> float:
     """Bilinear sample of channel c of a lat-long map [h, w, 3]."""
     h, w = table.shape[0], table.shape[1]
@@ -165,7 +165,7 @@ def _lookup(table: Float32, place: Any, c: int) -> float:
     return upper * (1 - dv) + lower * dv
 
 
-@njit(cache=True, fastmath=True)
+@compiled(fastmath=True)
 def _slope(heights: Float32, material: Int32, i: int, j: int, axis: int) -> float:
     """Central difference of the bump height within one material, limited to +-0.9."""
     number = material[i, j]
@@ -179,7 +179,7 @@ def _slope(heights: Float32, material: Int32, i: int, j: int, axis: int) -> floa
     return min(0.9, max(-0.9, 0.5 * (heights[i1, j1] - heights[i0, j0])))
 
 
-@njit(cache=True, fastmath=True)
+@compiled(fastmath=True)
 def _paint(normals: Float32, material: Int32, materials: Any, textures: Float32, out: Float32) -> None:
     """Writes base colour (3), roughness, metallic and bumped normal (3): [8, H, W], 0 outside the subject."""
     for i in range(material.shape[0]):
@@ -205,7 +205,7 @@ def _paint(normals: Float32, material: Int32, materials: Any, textures: Float32,
             out[5, i, j], out[6, i, j], out[7, i, j] = nx * scale, ny * scale, nz * scale
 
 
-@njit(cache=True, fastmath=True)
+@compiled(fastmath=True)
 def _shade(painted: Float32, material: Int32, occlusion: Float32, tables: Any, lowest: float, out: Float32) -> None:
     """Writes radiance [3, H, W] of painted pixels, 0 outside the subject."""
     diffuse_map, specular_map, albedo_table = tables

@@ -6,8 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from yesnt.core.compiled import compiled
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
@@ -76,7 +77,7 @@ class GeometryBuffer:
         _sheet(self.z, self.normal, self.uv, self.material, plane, waves, material)
 
 
-@njit(cache=True)
+@compiled()
 def _capsule(
     z: Float32, normal: Float32, uv: Float32, material: Int32, a: Float64, b: Float64, flat: float, number: int
 ) -> None:
@@ -127,7 +128,7 @@ def _capsule(
             material[i, j] = number
 
 
-@njit(cache=True)
+@compiled()
 def _box(
     z: Float32,
     normal: Float32,
@@ -173,7 +174,7 @@ def _box(
             material[i, j] = number
 
 
-@njit(cache=True)
+@compiled()
 def _sheet(
     z: Float32, normal: Float32, uv: Float32, material: Int32, plane: Float64, waves: Float64, number: int
 ) -> None:

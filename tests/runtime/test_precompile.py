@@ -1,0 +1,116 @@
+"""Kernels are compiled once, before work, and nothing is left to compile for the tasks."""
+
+import json
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+
+from yesnt.cli.text import compiling_line
+from yesnt.runtime import precompile
+from yesnt.runtime.precompile import Precompilation, Unit, compile_missing
+
+SIGNATURES = """
+import gc, json
+from numba.core.registry import CPUDispatcher
+found = {}
+for kernel in (one for one in gc.get_objects() if isinstance(one, CPUDispatcher)):
+    name = f"{kernel.py_func.__module__}.{kernel.py_func.__qualname__}"
+    if name.startswith("yesnt.") and kernel.signatures:
+        found.setdefault(name, []).extend(str(signature) for signature in kernel.signatures)
+print(json.dumps(found))
+"""
+"""Prints what has been compiled, or loaded from the cache, in a process."""
+
+
+def signatures(code: str) -> set[tuple[str, str]]:
+    command = [sys.executable, "-c", code + SIGNATURES]
+    output = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    return {(name, one) for name, several in json.loads(output.splitlines()[-1]).items() for one in several}
+
+
+def test_tasks_find_every_kernel_compiled(tiny_shot):
+    """With a warm cache both processes load the kernels that they call from Python, and no others."""
+    compile_all = "from yesnt.runtime.precompile import UNITS\nfor unit in UNITS: unit.compile()\n"
+    tasks = "from pathlib import Path\nfrom tests.in_process import run_here\n"
+    tasks += f"run_here(Path({str(tiny_shot)!r}), 'relight')\n"
+    compiled, used = signatures(compile_all), signatures(tasks)
+    assert {name for name, _ in used} >= {"yesnt.relight.kernels._sum_pixels", "yesnt.temporal.kernels.gradient"}
+    assert used <= compiled
+
+
+@pytest.fixture
+def units(tmp_path, monkeypatch):
+    """Two units that only note that they were compiled."""
+    calls = []
+
+    class Noting(Unit):
+        @property
+        def marker(self):
+            return tmp_path / f"{self.function}.done"
+
+        def compile(self):
+            calls.append(self.function)
+            time.sleep(0.2)
+            self.marker.touch()
+
+    found = (Noting("fake", "one"), Noting("fake", "two"))
+    monkeypatch.setattr(precompile, "UNITS", found)
+    return calls
+
+
+def test_units_are_shared_by_all_who_compile_at_once(units):
+    threads = [threading.Thread(target=compile_missing) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert sorted(units) == ["one", "two"]
+
+
+def test_a_second_run_compiles_nothing(units):
+    compile_missing()
+    compile_missing()
+    assert units == ["one", "two"]
+    events = []
+    Precompilation().wait(events.append)
+    assert events == []
+
+
+def test_progress_is_reported_while_processes_compile(units, tmp_path, monkeypatch):
+    sleeper = [sys.executable, "-c", "import time; time.sleep(0.6)"]
+    monkeypatch.setattr(precompile, "_start_compiler", lambda: subprocess.Popen(sleeper))
+    monkeypatch.setattr(precompile, "REPORT_SECONDS", 0.2)
+    compilation, events = Precompilation(), []
+    (tmp_path / "one.done").touch()
+    compilation.wait(events.append)
+    compilation.close()
+    assert [event["event"] for event in events][-1] == "compiled"
+    assert len(events) >= 3
+    assert events[0] == {"event": "compiling", "done": 1, "total": 2, "seconds": events[0]["seconds"]}
+    assert compiling_line({"done": 1, "total": 2, "seconds": 12.3}) == "compiling kernels 1/2 (once per version), 12 s"
+
+
+def test_a_compiler_that_fails_does_not_stop_the_run(units, monkeypatch):
+    monkeypatch.setattr(precompile, "_start_compiler", lambda: subprocess.Popen([sys.executable, "-c", "exit(3)"]))
+    events = []
+    compilation = Precompilation()
+    compilation.wait(events.append)
+    compilation.close()
+    assert events[-1]["failed"] == ["exit status 3", "exit status 3"]
+    line = compiling_line(events[-1])
+    assert line.endswith("; a compiler ended with exit status 3, tasks compile what they lack")
+
+
+def test_a_run_that_ends_early_ends_its_compilers(units, monkeypatch):
+    sleeper = [sys.executable, "-c", "import time; time.sleep(60)"]
+    monkeypatch.setattr(precompile, "_start_compiler", lambda: subprocess.Popen(sleeper))
+    compilation, events = Precompilation(), []
+    waiting = threading.Thread(target=compilation.wait, args=(events.append,))
+    waiting.start()
+    compilation.close()
+    waiting.join(10)
+    assert not waiting.is_alive()
+    assert "compiled" not in [event["event"] for event in events]

@@ -9,7 +9,9 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
-JIT_DECORATORS = {"njit", "jit", "kernel", "inlined", "compiled"}
+JIT_DECORATORS = {
+    "njit", "compiled", "kernel", "exact_kernel", "entry", "exact_entry", "inlined", "exact_inlined", "stencil", "listing",
+}  # fmt: skip
 """Names under which the project compiles functions."""
 
 ARITHMETIC = {"+": "-", "-": "+", "*": "/", "/": "*", "//": "/", "%": "*", "**": "*", "&": "|", "|": "&", "@": None}

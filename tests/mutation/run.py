@@ -30,7 +30,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.mutation.mutants import OPERATORS, Mutant, find_mutants
-from tests.source_tree import ROOT, SourceTree
+from tests.source_tree import ROOT
 
 SEED = 15
 PLAIN = {"relight": 30, "temporal": 26, "decompose": 26, "planning": 20, "runtime": 18}
@@ -80,7 +80,7 @@ def equivalent() -> dict[str, str]:
 
 def all_mutants(root: Path, folder: str) -> list[Mutant]:
     """Mutants of a folder of the package, those of other interpreters aside."""
-    files = sorted(p for p in (root / "yesnt" / folder).rglob("*.py") if "inside_" not in p.name)
+    files = sorted(p for p in (root / "yesnt" / folder).rglob("*.py") if "inside_" not in str(p.relative_to(root)))
     return [mutant for path in files for mutant in find_mutants(root, path)]
 
 
@@ -108,16 +108,18 @@ def is_valid(root: Path, mutant: Mutant) -> bool:
 
 
 class Copy:
-    """A private copy of the tree in which mutants are tried, with Numba's caches warm.
+    """A private copy of the tree in which mutants are tried.
+
+    Kernels are cached in a folder of its own. It is named by their sources, so that a mutant never runs machine code of
+    another.
 
     Args:
         home: a folder of its own.
     """
 
     def __init__(self, home: Path) -> None:
-        self.root, self._warm, self._tried = home / "tree", home / "warm", home / "tried"
+        self.root, self._caches = home / "tree", home / "caches"
         shutil.copytree(ROOT, self.root, symlinks=True, ignore=shutil.ignore_patterns(*NOT_COPIED))
-        self._users = _users(SourceTree(self.root))
         self._seconds: dict[str, float] = {}
 
     def baseline(self, folder: str) -> None:
@@ -127,7 +129,7 @@ class Copy:
             SystemExit: they fail, so that nothing can be judged.
         """
         files = [str(p.relative_to(self.root)) for p in sorted((self.root / "tests" / folder).glob("test_*.py"))]
-        status, output, _ = self._test([*files, "--durations=0", "--durations-min=0.02"], self._warm)
+        status, output, _ = self._test([*files, "--durations=0", "--durations-min=0.02"])
         if status:
             sys.exit(f"The tests of {folder} fail without a mutant:\n{output[-3000:]}")
         self._seconds |= dict.fromkeys(files, 0.0)
@@ -148,10 +150,9 @@ class Copy:
         """Tries one mutant and takes it back."""
         path = self.root / mutant.file
         source, times = path.read_bytes(), path.stat()
-        caches = self._caches_without(mutant)
         path.write_bytes(mutant.apply(source))
         try:
-            status, output, seconds = self._test(self._tests(mutant), caches)
+            status, output, seconds = self._test(self._tests(mutant))
         finally:
             path.write_bytes(source)
             os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
@@ -161,25 +162,13 @@ class Copy:
             "killed": status in TESTS_FAILED, "status": status, "by": _failed(output), "seconds": round(seconds, 1),
         }  # fmt: skip
 
-    def _caches_without(self, mutant: Mutant) -> Path:
-        """Numba's caches for one trial: a copy, without what was compiled from the changed file."""
-        shutil.rmtree(self._tried, ignore_errors=True)
-        if self._warm.exists():
-            shutil.copytree(self._warm, self._tried)
-        if mutant.jitted:
-            name = mutant.file.removeprefix("yesnt/").removesuffix(".py").replace("/", ".")
-            for module in {name, *self._users.get(name, ())}:
-                for cached in self._tried.rglob(f"{module.rpartition('.')[2]}.*"):
-                    cached.unlink()
-        return self._tried
-
-    def _test(self, tests: list[str], caches: Path) -> tuple[int, str, float]:
+    def _test(self, tests: list[str]) -> tuple[int, str, float]:
         """Exit status of pytest, the end of its output, and seconds."""
         command = [
             sys.executable, "-m", "pytest", *tests, "-x", "-q", "-p", "no:cacheprovider", "--tb=line",
             f"--timeout={TEST_SECONDS}", "-m", "not slow and not blender",
         ]  # fmt: skip
-        environment = os.environ | {"PYTHONPATH": str(self.root), "NUMBA_CACHE_DIR": str(caches)}
+        environment = os.environ | {"PYTHONPATH": str(self.root), "YESNT_CACHE_DIR": str(self._caches)}
         start = time.monotonic()
         with _group(command, self.root, environment) as process:
             with suppress(subprocess.TimeoutExpired):
@@ -201,20 +190,6 @@ def _group(command: list[str], folder: Path, environment: dict[str, str]) -> Ite
         with suppress(ProcessLookupError):
             os.killpg(process.pid, 9)
         process.wait()
-
-
-def _users(tree: SourceTree) -> dict[str, frozenset[str]]:
-    """Modules that import a module, through others too: their compiled functions hold its own."""
-    edges = tree.edges
-    users: dict[str, set[str]] = {name: set() for name in edges}
-    for start in edges:
-        stack, reached = [start], {start}
-        while stack:
-            for other in edges[stack.pop()] - reached:
-                reached.add(other)
-                users[other].add(start)
-                stack.append(other)
-    return {name: frozenset(found) for name, found in users.items()}
 
 
 def _failed(output: str) -> str:

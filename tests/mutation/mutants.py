@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 JIT_DECORATORS = {
-    "njit", "compiled", "kernel", "exact_kernel", "entry", "exact_entry", "inlined", "exact_inlined", "stencil", "listing",
+    "njit", "compiled", "kernel", "exact_kernel", "entry", "exact_entry", "inlined", "exact_inlined", "stencil",
+    "listing",
 }  # fmt: skip
 """Names under which the project compiles functions."""
 

@@ -54,14 +54,12 @@ def processor_seconds(count: int) -> float:
     return time.process_time() - start
 
 
-@until_files_are_read()
 def test_sparse_frame_lists_take_linear_time() -> None:
     parse_frames("1", "frames")  # imports
     short, long = (min(processor_seconds(count) for _ in range(3)) for count in (100, 400))
     assert long < 8 * short, f"four times the frames took {long / short:.1f} times as long"
 
 
-@until_files_are_read()
 def test_too_many_frames_are_refused_with_how_many_are_allowed() -> None:
     with pytest.raises(UsageError) as caught:
         parse_frames("1-1000001", "frames")

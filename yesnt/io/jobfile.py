@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,9 @@ from yesnt.core.shot import Shot
 
 MAX_JOB_BYTES = 1 << 20
 MAX_FRAMES = 1_000_000
+_TOO_MANY = f"more than {MAX_FRAMES:,} frames, the most that a shot may have"
+MAX_QUOTED = 80
+"""Characters of a wrong frame range that a message quotes."""
 
 
 def load_shot(path: Path) -> Shot:
@@ -47,33 +50,38 @@ def parse_frames(text: str, where: str) -> tuple[int, ...]:
     """A frame range such as `1001-1010x2,1020` as ascending numbers, each once.
 
     Raises:
-        UsageError: the text is no range, or holds more than `MAX_FRAMES`.
+        UsageError: the text is no range, or holds more than `MAX_FRAMES` frames.
     """
-    from fileseq.exceptions import FileSeqException
+    from fileseq.exceptions import FileSeqException, MaxSizeException
 
-    problem: object = "no frames"
+    found, problem = set[int](), "no frames"
     try:
-        frames = _numbers(text)
+        for part in text.split(","):
+            found.update(_part_of_range(part.strip()))
+    except MaxSizeException:
+        found, problem = set(), _TOO_MANY
     except (FileSeqException, ValueError, TypeError, OverflowError) as error:
-        frames, problem = frozenset(), error
-    if not frames or len(frames) > MAX_FRAMES:
-        reason = str(problem).splitlines()[0].rstrip(": ")
+        found, problem = set(), str(error).splitlines()[0].rstrip(": ")
+    if len(found) > MAX_FRAMES:
+        found, problem = set(), _TOO_MANY
+    if not found:
         raise UsageError(
-            f"The frame range {text!r} cannot be used ({reason})", where, "1001-1024 or 1001-1010x2,1020", "mend it"
-        )
-    return tuple(sorted(frames))
+            f"The frame range {_shortened(text)} cannot be used ({problem})", where, "1001-1024 or 1001-1010x2,1020",
+            "mend it",
+        )  # fmt: skip
+    return tuple(sorted(found))
 
 
-def _numbers(text: str) -> frozenset[int]:
-    """The frames of a range. Its parts are parsed one by one: fileseq's time grows with the square of their number."""
+def _part_of_range(part: str) -> Iterable[int]:
+    """Frames between two commas. A whole list given to fileseq would take quadratic time."""
     from fileseq import FrameSet
 
-    found: set[int] = set()
-    for part in filter(str.strip, text.split(",")):
-        found.update(_whole(frame) for frame in FrameSet(part))
-        if len(found) > MAX_FRAMES:
-            break
-    return frozenset(found)
+    return (int(part),) if part.isdigit() else (_whole(frame) for frame in FrameSet(part)) if part else ()
+
+
+def _shortened(text: str) -> str:
+    """A range as it is quoted in a message."""
+    return repr(text if len(text) <= MAX_QUOTED else f"{text[:MAX_QUOTED]}...")
 
 
 def _whole(frame: object) -> int:
@@ -102,18 +110,8 @@ def has_frame_number(pattern: str) -> bool:
 
 def frame_path(root: str | Path, pattern: str, frame: int) -> Path:
     """The file of one frame; a pattern without a frame number is the same file for every frame."""
-    template = _template(pattern)
-    name = pattern if template is None else f"{template[0]}{str(frame).zfill(template[1])}{template[2]}"
-    return Path(os.path.expanduser(root)) / os.path.expanduser(name)
-
-
-@lru_cache(maxsize=64)
-def _template(pattern: str) -> tuple[str, int, str] | None:
-    """The text in front of a frame number, its digits, and the text behind it; None without a frame number."""
-    sequence = _sequence(pattern)
-    if not sequence.padding():
-        return None
-    return f"{sequence.dirname()}{sequence.basename()}", sequence.zfill(), sequence.extension()
+    name = _sequence(pattern).frame(frame) if has_frame_number(pattern) else pattern
+    return Path(os.path.expanduser(root)) / os.path.expanduser(str(name))
 
 
 def pass_patterns(pattern: str) -> dict[str, str]:

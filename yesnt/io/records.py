@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -52,7 +52,15 @@ def digest_of(document: Any) -> str:
     Raises:
         ValueError: a number is not finite.
     """
-    text = json.dumps(document, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return _hash(json.dumps(document, sort_keys=True, separators=(",", ":"), allow_nan=False))
+
+
+def digest_of_keys(keys: Iterable[str]) -> str:
+    """Digest of many keys, in order."""
+    return _hash(" ".join(keys))
+
+
+def _hash(text: str) -> str:
     return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
 
 
@@ -84,7 +92,7 @@ def key_of(fields: Mapping[str, Any]) -> str:
 
 def frame_key(key: str, frame: int) -> str:
     """Key of one frame of a task that commits several."""
-    return hashlib.blake2b(f"{key} {frame}".encode(), digest_size=16).hexdigest()
+    return _hash(f"{key} {frame}")
 
 
 class RecordBook:

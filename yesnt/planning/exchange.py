@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from itertools import product
 from typing import TYPE_CHECKING
 
@@ -21,6 +22,12 @@ if TYPE_CHECKING:
     from yesnt.io.store import ArrayForm
 
 SOLVE = StageId("solve")
+
+
+@lru_cache(maxsize=4096)
+def sweep_stage(sweep: int, band: int | None = None) -> StageId:
+    """The stage of a sweep before the last one; one object for each, so that it is hashed once."""
+    return StageId("solve", sweep, band)
 
 
 @dataclass(frozen=True)
@@ -35,12 +42,12 @@ class Exchange:
     length: int
     chunks: ChunkPlan
 
-    @property
+    @cached_property
     def blocks(self) -> Chunks:
         """Chunks with their halo, in positions of the sequence."""
         return Chunks(self.length, self.chunks.chunk, self.chunks.halo)
 
-    @property
+    @cached_property
     def sweeps(self) -> int:
         """Sweeps after the first solve; none if there is one block only."""
         return 0 if len(self.blocks) == 1 and self.chunks.whole else self.chunks.sweeps
@@ -57,22 +64,29 @@ class Exchange:
     def solved(self, sweep: int) -> Iterator[tuple[Block, Block]]:
         """Chunk and band of every block that is solved by itself in a sweep."""
         for chunk, band in product(self.blocks, self.chunks.bands):
-            if self._is_solved(chunk.index, band.index, sweep):
+            if sweep in self.solved_in(chunk.index, band.index):
                 yield chunk, band
 
     def solved_in(self, chunk: int, band: int) -> tuple[int, ...]:
         """Sweeps in which a block is solved by itself."""
-        return tuple(sweep for sweep in range(1 + self.sweeps) if self._is_solved(chunk, band, sweep))
-
-    def _is_solved(self, chunk: int, band: int, sweep: int) -> bool:
-        period = ROUND if self.chunks.joint > 0 else 2
-        turn = 1 if (chunk + band) % 2 else 2
-        return sweep == 0 or sweep % period == turn % period
+        return self._solved[(chunk + band) % 2]
 
     def held_in(self, chunk: int, band: int) -> tuple[int, ...]:
         """Sweeps that leave a value of a block, ascending."""
+        return self._held[(chunk + band) % 2]
+
+    @cached_property
+    def _solved(self) -> tuple[tuple[int, ...], ...]:
+        """Sweeps that solve blocks of either colour of the chessboard."""
+        period = ROUND if self.chunks.joint > 0 else 2
         sweeps = range(1 + self.sweeps)
-        return tuple(k for k in sweeps if self._is_solved(chunk, band, k) or self.is_joint(k))
+        return tuple(tuple(k for k in sweeps if k == 0 or k % period == turn % period) for turn in (2, 1))
+
+    @cached_property
+    def _held(self) -> tuple[tuple[int, ...], ...]:
+        """Sweeps that leave a value of blocks of either colour."""
+        joint = [k for k in range(1 + self.sweeps) if self.is_joint(k)]
+        return tuple(tuple(sorted({*solved, *joint})) for solved in self._solved)
 
     def last_solve(self, chunk: int, band: int, sweep: int) -> int:
         """The sweep before this one in which a block was last solved by itself; 0 for the first."""
@@ -81,10 +95,10 @@ class Exchange:
     def stage(self, chunk: int, band: int, sweep: int) -> StageId:
         """The stage that stores a block's value of a sweep: `solve` for the last one of whole frames."""
         if self.is_joint(sweep):
-            return SOLVE if sweep == self.sweeps else StageId("solve", sweep)
+            return SOLVE if sweep == self.sweeps else sweep_stage(sweep)
         if not self.chunks.whole:
-            return StageId("solve", sweep, band)
-        return SOLVE if sweep == self.held_in(chunk, band)[-1] else StageId("solve", sweep)
+            return sweep_stage(sweep, band)
+        return SOLVE if sweep == self.held_in(chunk, band)[-1] else sweep_stage(sweep)
 
     def before(self, chunk: int, bands: Iterable[int], sweep: int) -> dict[int, StageId]:
         """Band -> the stage that stores the last value of a chunk before a sweep."""
@@ -105,10 +119,10 @@ class Exchange:
     def arrays(self) -> dict[str, ArrayForm]:
         """Arrays of the store for sweeps before the last one; those of bands with their rows."""
         whole = [k for k in range(self.sweeps) if self.chunks.whole or self.is_joint(k)]
-        arrays: dict[str, ArrayForm] = {StageId("solve", k).array("material"): "material" for k in whole}
+        arrays: dict[str, ArrayForm] = {sweep_stage(k).array("material"): "material" for k in whole}
         if self.chunks.whole:
             return arrays
         sweeps = [k for k in range(1 + self.sweeps) if not self.is_joint(k)]
         for sweep, band in product(sweeps, self.chunks.bands):
-            arrays[StageId("solve", sweep, band.index).array("material")] = ("material", len(band.core))
+            arrays[sweep_stage(sweep, band.index).array("material")] = ("material", len(band.core))
         return arrays

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from yesnt.core.stage_id import StageId
-from yesnt.io.records import SharedSettings, digest_of
+from yesnt.io.records import SharedSettings, digest_of_keys
 from yesnt.planning.graph import Graph, Node
 from yesnt.planning.shot_plan import ShotPlan
 from yesnt.planning.stages import stage_of
@@ -65,4 +65,4 @@ def node_keys(nodes: Iterable[Node]) -> dict[str, str]:
     by_stage: dict[str, list[str]] = {}
     for node in nodes:
         by_stage.setdefault(node.stage.label, []).append(node.key)
-    return {stage: keys[0] if len(keys) == 1 else digest_of(keys) for stage, keys in by_stage.items()}
+    return {stage: keys[0] if len(keys) == 1 else digest_of_keys(keys) for stage, keys in by_stage.items()}

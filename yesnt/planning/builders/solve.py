@@ -85,7 +85,7 @@ class _SolveBuilder:
         read, keys = self._read(loaded)
         own = {**own, "sweep": sweep, "absent": sorted(gaps.absent)}
         fields = node_fields(self._plan, stage, self._settings, keys | node_keys(held), **own)
-        return fields, tuple(dict.fromkeys([*read, *ids(held)]))
+        return fields, read + ids(held)  # observations and earlier sweeps have no node in common
 
     def _read_by(self, loaded: range) -> tuple[tuple[NodeId, ...], dict[str, str]]:
         """Nodes of observations and confidence of these positions, and their keys."""

@@ -1,0 +1,64 @@
+"""Planning a long shot takes time and memory in proportion to its frames, however it is cut."""
+
+from __future__ import annotations
+
+import time
+import tracemalloc
+
+import pytest
+
+from tests.planning.long_shot import long_plan
+from yesnt.planning.graph import Graph
+from yesnt.workflows.shot import shot_graph
+
+SMALL, HD = (64, 48), (1920, 1080)
+
+
+def processor_seconds(frames: int, **cut) -> float:
+    """The best of three, since other work on the machine evicts what caches hold."""
+
+    def once() -> float:
+        plan, start = long_plan(frames, **cut), time.process_time()
+        assert len(shot_graph(plan)) > 4 * frames
+        return time.process_time() - start
+
+    return min(once() for _ in range(3))
+
+
+@pytest.mark.parametrize(
+    "cut", [{"size": SMALL}, {"size": HD}, {"size": SMALL, "step": 2}], ids=["whole", "bands", "sparse"]
+)
+def test_the_graph_of_a_long_shot_takes_linear_time(cut: dict) -> None:
+    short, long = processor_seconds(1600, **cut), processor_seconds(3000, **cut)
+    assert short < 5, f"1,600 frames took {short:.1f} s of processor time"
+    assert long < 10, f"3,000 frames took {long:.1f} s of processor time"
+    assert long < 2.5 * short, f"3,000 frames took {long / short:.1f} times as long as 1,600"
+
+
+def test_a_node_of_a_long_shot_takes_a_few_kilobytes() -> None:
+    tracemalloc.start()
+    graph = shot_graph(long_plan(800))
+    size, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert size < 6_000 * len(graph), f"{size / len(graph):.0f} bytes per node"
+
+
+def test_bands_and_joint_sweeps_are_planned() -> None:
+    """The cases above are what they say: one cut into chunks of whole frames, one also into bands."""
+    whole, banded = long_plan(3000), long_plan(3000, size=HD)
+    assert whole.chunks.whole
+    assert len(whole.exchange.blocks) > 1
+    assert whole.exchange.ends_jointly
+    assert len(banded.chunks.bands) > 1
+
+
+def test_a_graph_finds_the_node_that_commits_a_frame() -> None:
+    plan = long_plan(40, chunk=8)
+    graph = shot_graph(plan)
+    for stage in graph.stages:
+        for node in graph:
+            if node.stage == stage:
+                assert all(graph.committer(stage, frame) is node for frame in node.frames)
+    with pytest.raises(KeyError):
+        graph.committer(graph.stages[0], 999)
+    assert isinstance(graph.closure([]), Graph)

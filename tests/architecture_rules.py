@@ -91,7 +91,7 @@ WORDS = {
     "trust(?! region)": "confidence (data weight), damping (solver) or shrinkage (estimator)",
     "shel(?:f|ves)": "LRU cache",
     "reels?": "video segment",
-    "films?(?! set)": "pixel filter (reconstruction filter) or video",
+    "(?!(?-i:FiLM))films?(?! set)": "pixel filter (reconstruction filter) or video",
     "judg": "scorer",
     "outfit": "garments",
 }
@@ -103,9 +103,8 @@ NAMES = {"things?": "procedural objects"}
 WORDS_OF_FOLDERS = {
     "measure": {"labs?": "experiment harness"},
     "temporal": {"loose": "unconverged", "silent": "inconsistent"},
-    "relight": {"choice": "texel level of detail"},
 }
-"""The same where a word has another meaning elsewhere (CIELAB, `rng.choice`)."""
+"""The same where a word has another meaning elsewhere (CIELAB)."""
 
 PHRASES = ("as ever", "whoever", "beside that", "stands? before", "told by hand", "on its desk", "is told", "are told")
 """Archaic turns that are not used in docstrings."""

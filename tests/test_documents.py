@@ -246,8 +246,8 @@ def test_defaults_of_the_method_are_those_of_the_code() -> None:
     from yesnt.decompose.settings import EnsembleSettings
     from yesnt.relight.brdf import ALPHA_MIN, F0_DIELECTRIC, IOR
     from yesnt.relight.settings import RelightSettings
-    from yesnt.temporal.flow import FlowSettings
     from yesnt.temporal.bridging import BRIDGE
+    from yesnt.temporal.flow import FlowSettings
     from yesnt.temporal.outliers import WINDOW, OutlierSettings
     from yesnt.temporal.params import EnergyParams
 

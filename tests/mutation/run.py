@@ -217,29 +217,41 @@ def judge_all(book: Book, wanted: Wanted) -> None:
 
 def still_wanted(root: Path, book: Book, folders: list[str]) -> Iterator[Mutant]:
     """What is missing to the numbers of `PLAIN` and `JITTED`."""
-    judged = book.verdicts()
+    judged, gone = book.verdicts(), gone_survivors(root, book)
     for jitted, numbers in ((False, PLAIN), (True, JITTED)):
         for folder, number in ((folder, numbers[folder]) for folder in folders if folder in numbers):
-            had = sum(v["folder"] == folder and v["jitted"] == jitted for v in judged.values())
+            counted = (v for name, v in judged.items() if name not in gone)
+            had = sum(v["folder"] == folder and v["jitted"] == jitted for v in counted)
             for _, mutant in zip(range(number - had), chosen(root, folder, jitted, judged), strict=False):
                 yield mutant
 
 
 def survivors(root: Path, book: Book, folders: list[str]) -> Iterator[Mutant]:
     """Mutants that survived, are not equivalent, and still exist in the code."""
-    known = equivalent()
-    alive = {name for name, verdict in book.verdicts().items() if not verdict["killed"] and name not in known}
+    alive = surviving(book)
     for folder in folders:
         yield from (mutant for mutant in all_mutants(root, folder) if mutant.id in alive)
 
 
+def surviving(book: Book) -> set[str]:
+    """Mutants that survived and are not equivalent."""
+    known = equivalent()
+    return {name for name, verdict in book.verdicts().items() if not verdict["killed"] and name not in known}
+
+
+def gone_survivors(root: Path, book: Book) -> set[str]:
+    """Survivors whose code has been rewritten since: they count for nothing, and others are drawn in their place."""
+    return surviving(book) - {mutant.id for folder in PLAIN for mutant in all_mutants(root, folder)}
+
+
 def report(book: Book) -> bool:
     """Prints the shares of mutants that were killed and the survivors; whether the share is reached."""
-    known, verdicts = equivalent(), book.verdicts()
+    gone, alive = gone_survivors(ROOT, book), surviving(book)
+    verdicts = {name: verdict for name, verdict in book.verdicts().items() if name not in gone}
     counts: dict[tuple[str, str], Counter[str]] = {}
     for name, verdict in verdicts.items():
         row = (verdict["folder"], "jitted" if verdict["jitted"] else "plain")
-        fate = "killed" if verdict["killed"] else "equivalent" if name in known else "survived"
+        fate = "killed" if verdict["killed"] else "survived" if name in alive else "equivalent"
         counts.setdefault(row, Counter())[fate] += 1
     total = sum(counts.values(), Counter[str]())
     for row, count in [*sorted(counts.items()), (("all", ""), total)]:
@@ -249,7 +261,7 @@ def report(book: Book) -> bool:
             f"{row[0]:10} {row[1]:7} judged {count.total():4}  equivalent {count['equivalent']:3}  {share:6.1%} killed"
         )
     for name, verdict in verdicts.items():
-        if not verdict["killed"] and name not in known:
+        if name in alive:
             print(f"\n{name} {verdict['where']} ({verdict['operator']})\n{verdict['diff']}")
     return total["killed"] >= WANTED_SHARE * (total["killed"] + total["survived"])
 

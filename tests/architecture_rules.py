@@ -33,6 +33,7 @@ NETWORKS = (
 
 EVALUATION_TASKS = (
     "tasks",
+    "bounce_task",
     "sequence_tasks",
     "scorer",
     "scene",

@@ -1,5 +1,7 @@
-"""The evaluation in one sentence: the product decomposes and solves a shot as ever, then every map's frames are relit
-row by row and judged against the truth, films after all their frames, constants once the best are known."""  # noqa: D205, D209
+"""The evaluation of a shot: it is decomposed and solved, then relit and scored against the truth, row by row.
+
+Videos are scored after all their frames, rows of constant materials after the best constants are known.
+"""
 
 from __future__ import annotations
 
@@ -14,19 +16,20 @@ if TYPE_CHECKING:
 
 
 def evaluation_graph(plan: EvalPlan) -> Graph:
-    """All nodes of a shot but those of the constants and of the ladder with own materials, needs first."""
-    return Graph(node for node in _nodes(plan) if node.stage.name != "steps")
+    """All nodes of a shot except constant materials and term-by-term rows with own materials, in order of need."""
+    return Graph(node for node in _nodes(plan) if node.stage.name != "ablation")
 
 
-def ladder_graph(plan: EvalPlan) -> Graph:
-    """The ladder with own materials, which comes after all shots have their main rows, and what it needs."""
+def ablation_graph(plan: EvalPlan) -> Graph:
+    """The term-by-term rows with own materials and what they need; run after the main rows of all shots."""
     graph = Graph(_nodes(plan))
-    return graph.closure([node.id for node in graph if node.stage.name == "steps"])
+    return graph.closure([node.id for node in graph if node.stage.name == "ablation"])
 
 
 def constants_graph(plan: EvalPlan, constants: Mapping[str, tuple[float, float]]) -> Graph:
-    """The rows of constant materials, once the search of all shots is over."""
-    return Graph(plan.flat(name, frame, constants) for name, _ in plan.subject.maps for frame in plan.judged(name))
+    """The rows of constant materials; run after the search for the best constants of all shots."""
+    scored = [(name, frame) for name, _ in plan.subject.maps for frame in plan.scored_frames(name)]
+    return Graph(plan.constant_rows(name, frame, constants) for name, frame in scored)
 
 
 def _nodes(plan: EvalPlan) -> Iterator[Node]:
@@ -42,19 +45,19 @@ def _nodes(plan: EvalPlan) -> Iterator[Node]:
         for node in product.closure(wanted):
             yield add(node)
         yield add(plan.material(graph))
-    if plan.exact_arrays:
-        yield add(plan.exact(graph))
+    if plan.true_solves:
+        yield add(plan.solve_true(graph))
     names = [name for name, _ in plan.subject.maps]
-    yield from (add(plan.search(name, graph)) for name in plan.probed)
-    # Frame by frame and then map by map: a frame's scene stays in its worker.
+    yield from (add(plan.search(name, graph)) for name in plan.probe_maps)
+    # Frame by frame and then map by map: the inputs of a frame stay in the worker's cache.
     for frame in plan.frames:
-        yield from (add(plan.given(name, frame, graph)) for name in names if frame in plan.judged(name))
-        proxies = (n for n in names if frame in plan.judged(n) and "blender_proxy" not in plan.absent(n))
+        yield from (add(plan.independent(name, frame, graph)) for name in names if frame in plan.scored_frames(name))
+        proxies = (n for n in names if frame in plan.scored_frames(n) and "blender_proxy" not in plan.absent(n))
         yield from (add(plan.reference(name, frame, graph)) for name in proxies)
-        filmed = (name for name in names if plan.filmed(name) or frame in plan.judged(name))
-        yield from (add(plan.judge(name, frame, graph)) for name in filmed)
+        scored = (name for name in names if plan.has_video(name) or frame in plan.scored_frames(name))
+        yield from (add(plan.score(name, frame, graph)) for name in scored)
     if not plan.lacking:
-        climbed = [(name, frame) for name in plan.probed for frame in plan.judged(name)]
-        yield from (add(plan.steps(name, frame, graph)) for name, frame in climbed)
+        probed = [(name, frame) for name in plan.probe_maps for frame in plan.scored_frames(name)]
+        yield from (add(plan.ablation(name, frame, graph)) for name, frame in probed)
     yield from (add(plan.bounces(name, graph)) for name in names if plan.early(name))
-    yield from (add(plan.film(name, graph)) for name in names if plan.filmed(name))
+    yield from (add(plan.video(name, graph)) for name in names if plan.has_video(name))

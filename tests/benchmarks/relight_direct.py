@@ -1,6 +1,6 @@
 """Direct light against Cycles' direct light, true materials and base colour: no shadow, single factor, per cluster.
 
-    python tests/benchmarks/relight_direct.py STAGE/remains [SUBJECT,...]
+    python tests/benchmarks/relight_direct.py STAGE/unmodelled [SUBJECT,...]
 
 Subjects are folders whose truth was also rendered without bounces (`truth/bounces0_MAP.####.exr`). Display PSNR inside
 the matte (opacity > 0.99), first frame.

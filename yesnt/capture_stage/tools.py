@@ -69,7 +69,7 @@ def run_blender(tools: Tools, request: Mapping[str, Any], work: Path, timeout: f
     """Runs `inside_blender/main.py` on a request; what it writes is whole or absent.
 
     Raises:
-        YesntError: Blender ended in an error; the last lines of its log are told.
+        YesntError: Blender ended in an error; the message holds the last lines of its log.
     """
     script = str(_HERE / "inside_blender" / "main.py")
     asked = work / "request.json"

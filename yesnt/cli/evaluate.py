@@ -13,13 +13,13 @@ import typer
 from yesnt.cli import text
 
 FolderArgument = Annotated[Path | None, typer.Argument(metavar="FOLDER", help="a shot with truth, or a folder of such")]
-SetOption = Annotated[str | None, typer.Option("--set", help="a set of the stage: objects, sequences; or embedded")]
+SetOption = Annotated[str | None, typer.Option("--set", help="a set of the capture stage, as objects; or embedded")]
 OutputOption = Annotated[Path | None, typer.Option(help="where results go (default: eval/SET)")]
-ShotsOption = Annotated[str | None, typer.Option(help="shots to judge, as vase,knot (default: all)")]
-MapsOption = Annotated[str | None, typer.Option(help="maps to judge, as city,studio (default: all)")]
-FramesOption = Annotated[int, typer.Option(min=1, help="frames of a shot on which every row is scored, at most")]
+ShotsOption = Annotated[str | None, typer.Option(help="shots to evaluate, as vase,knot (default: all)")]
+MapsOption = Annotated[str | None, typer.Option(help="maps to evaluate, as city,studio (default: all)")]
+FramesOption = Annotated[int, typer.Option(min=1, help="most frames per shot on which every row is scored")]
 ProbesOption = Annotated[
-    int, typer.Option(min=1, help="maps of a shot under which the ladder is climbed and constants are searched")
+    int, typer.Option(min=1, help="maps per shot for the term-by-term rows and the search of constants")
 ]
 SamplesOption = Annotated[int | None, typer.Option(min=1, help="members of the ensemble (default: as the shot says)")]
 WeightsOption = Annotated[Path | None, typer.Option(help="weights of the decomposition")]
@@ -48,7 +48,7 @@ def evaluate(
     cluster: ClusterOption = "local",
     json: JsonOption = False,
 ) -> int:
-    """Measure shots that have truth: accuracy, ablations, films, each stage's own error; what is done is not redone."""
+    """Measure shots that have ground truth: accuracy, ablations, videos, error of each stage; finished work is kept."""
     from yesnt.measure.evaluation.run import EvalOptions, run_evaluation
     from yesnt.measure.evaluation.table import as_markdown
 
@@ -75,7 +75,7 @@ def _names(text: str | None) -> tuple[str, ...] | None:
 
 
 def _source(folder: Path | None, set_name: str | None) -> Path:
-    """The folder of the shots: the embedded one, a set of the stage, or what the user named."""
+    """The folder of the shots: the embedded one, a set of the capture stage, or the one that the user named."""
     if folder is None and set_name == "embedded":
         from yesnt.io.embedded_shot import SHOT
 

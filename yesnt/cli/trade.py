@@ -14,12 +14,12 @@ ShotArgument = Annotated[Path, typer.Argument(metavar="SHOT", help="shot.yaml or
 
 def trade(
     shot: ShotArgument,
-    error: Annotated[float | None, typer.Option(min=0, help="largest display error that is good enough")] = None,
-    seconds_per_frame: Annotated[float | None, typer.Option(min=0, help="most processor seconds a frame")] = None,
-    frames: Annotated[int, typer.Option(min=2, help="frames in a row that are tried")] = 6,
+    error: Annotated[float | None, typer.Option(min=0, help="largest acceptable display error")] = None,
+    seconds_per_frame: Annotated[float | None, typer.Option(min=0, help="most processor seconds per frame")] = None,
+    frames: Annotated[int, typer.Option(min=2, help="number of consecutive frames to measure")] = 6,
     json: Annotated[bool, typer.Option("--json", help="one JSON document on stdout")] = False,
 ) -> int:
-    """Measure what each stage's speed settings cost in accuracy on this shot; name the cheapest that will do."""
+    """Measure error against time for the speed settings of each stage on this shot; name the cheapest sufficient."""
     import sys
 
     from yesnt.measure.trade import TradeOptions, run_trade

@@ -1,1 +1,1 @@
-"""Measures the product: evaluation against truth, and the trade of speed for accuracy."""
+"""Measurements: evaluation against ground truth, and speed against accuracy."""

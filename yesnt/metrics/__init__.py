@@ -1,4 +1,4 @@
-"""What pictures, materials and motion are measured by: arrays in, numbers out, each with its definition."""
+"""Metrics of pictures, materials, videos and flow: arrays in, numbers out, each with its definition."""
 
 from yesnt.metrics.definitions import DEFINITIONS, Definition, Metric, named
 

@@ -1,4 +1,4 @@
-"""Every number by name, with the definition that is printed beside it."""
+"""Every metric by name, with the definition that is printed with it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Metric:
     """One measured number.
 
     Attributes:
-        name: the word in JSON and tables.
+        name: key in JSON.
         definition: what was computed, in one sentence.
         value: the number; infinite where the definition says so.
     """
@@ -29,8 +29,8 @@ class Definition:
     """How a number is defined and read.
 
     Attributes:
-        name: the word in JSON.
-        title: the word in tables.
+        name: key in JSON.
+        title: label in tables.
         unit: "dB", "px", "1".
         better: which direction is good.
         text: the definition.
@@ -104,12 +104,12 @@ _ALL = (
                "10 log10(1 / MSE) between x[t+1] sampled at p + true flow and x[t], display pictures, pooled over "
                "pairs and pixels that are seen in both", 2),
     Definition("ppl", "PPL", "1", "lower",
-               "mean ST-LPIPS (AlexNet) of consecutive frames over black; a frozen film scores 0, so read it beside "
+               "mean ST-LPIPS (AlexNet) of consecutive frames over black; a frozen video scores 0, so read it beside "
                "PSNR", 4),
     Definition("tlp", "tLP", "1", "lower",
                "100 x mean |ST-LPIPS(x[t], x[t+1]) - ST-LPIPS(g[t], g[t+1])|", 3),
     Definition("psnr_frames", "PSNR", "dB", "higher",
-               "mean over the film's frames of PSNR inside the matte (display)", 2),
+               "mean over the video's frames of PSNR inside the matte (display)", 2),
     Definition("epe", "EPE", "px", "lower",
                "mean length of (flow - true flow) over pixels that are seen in both frames", 3),
     Definition("occlusion_precision", "occl. precision", "1", "higher",

@@ -1,4 +1,4 @@
-"""Errors of estimated materials, and whether their spread tells where they are wrong: flat arrays [n], numbers."""
+"""Errors of estimated materials, and how well the ensemble's standard deviation predicts them; flat arrays [n]."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ def measure_material(estimate: Values, truth: Values, std: Values | None = None,
     """Every number of one material plane over matte pixels [n].
 
     Args:
-        estimate: the plane.
-        truth: the true plane.
-        std: the ensemble's standard deviation, for the numbers of calibration.
-        binary: whether the truth is a class (metal or not) that the estimate should tell.
+        estimate: estimated values.
+        truth: true values.
+        std: the ensemble's standard deviation; adds the metrics of calibration.
+        binary: whether the truth is a class (metal or not); adds the area under the ROC curve.
     """
     error = np.asarray(estimate, float) - np.asarray(truth, float)
     found = [
@@ -62,7 +62,7 @@ def spearman(a: Values, b: Values) -> float:
 
 
 def sparsification(error: Values, order_by: Values) -> NDArray[np.float64]:
-    """RMSE of the share `KEPT` of pixels that is left when those of largest `order_by` go first: [20]."""
+    """RMSE of the remaining share `KEPT` of pixels when those of largest `order_by` are removed first: [20]."""
     squares = np.square(error, dtype=float)[np.argsort(np.asarray(order_by), kind="stable")]
     counts = np.maximum(1, np.round(KEPT * len(squares)).astype(int))
     curve: NDArray[np.float64] = np.sqrt(np.cumsum(squares)[counts - 1] / counts)

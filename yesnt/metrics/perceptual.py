@@ -1,6 +1,6 @@
 """Perceptual distance in the features of AlexNet: LPIPS (Zhang et al. 2018) and ST-LPIPS (Ghildyal and Liu 2022).
 
-The network is defined here and loads weights that others publish. Both are told apart by their weights: ST-LPIPS has
+The network is defined here and loads published weights. Their names tell which of the two it is. ST-LPIPS has
 stride 1 in its first convolution and low-passes before every decimation, so that a shift of a pixel costs little.
 """
 

@@ -1,4 +1,4 @@
-"""All numbers of one relit picture against its truth."""
+"""All metrics of one relit picture against its truth."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ _MARGIN = 24
 
 @dataclass(frozen=True)
 class Truth:
-    """A true picture, and what is measured of it once for all candidates.
+    """A true picture, and everything that is computed from it once for all candidates.
 
     Attributes:
         radiance: [H, W, 3] straight, scene-linear.
         opacity: [H, W] coverage.
-        inside: [H, W] the pixels that masked numbers count.
-        nets: perceptual networks that are at hand.
+        inside: [H, W] pixels of the masked metrics.
+        nets: perceptual networks whose weights are present.
     """
 
     radiance: F32
@@ -56,7 +56,7 @@ class Truth:
 
     @cached_property
     def frame(self) -> tuple[slice, slice]:
-        """Where anything can differ: the box of the opacity with `_MARGIN` pixels around, past which all is black."""
+        """Box of the opacity with `_MARGIN` pixels around it; outside, both pictures are black and cannot differ."""
         return box_of(self.opacity > 0, _MARGIN)
 
     @cached_property
@@ -80,7 +80,7 @@ class Truth:
 
     @cached_property
     def features(self) -> list[tuple[Features, Features]]:
-        """Of every net: features of the whole truth and of its box."""
+        """Features of the whole truth and of its box, for every network."""
         return [(net.features(self.display), net.features(self.boxed(self.display))) for net in self.nets]
 
 
@@ -93,9 +93,9 @@ def box_of(mask: NDArray[np.bool_], margin: int) -> tuple[slice, slice]:
 
 
 def score(radiance: NDArray[np.floating], truth: Truth) -> list[Metric]:
-    """Every number of a straight scene-linear picture [H, W, 3], as it is and with its channels scaled to the truth's.
+    """Every metric of a straight scene-linear picture [H, W, 3], unscaled and with its channels scaled to the truth.
 
-    Coverage is not scored: the truth's is used for both.
+    Coverage is not scored: the truth's is used for both pictures.
     """
     picture = np.asarray(radiance, np.float32)
     scale = channel_scale(picture, truth.radiance, truth.inside).astype(np.float32)
@@ -108,7 +108,7 @@ def score(radiance: NDArray[np.floating], truth: Truth) -> list[Metric]:
 
 
 def score_briefly(radiance: NDArray[np.floating], truth: Truth) -> list[Metric]:
-    """The numbers of `score` that cost little: PSNR, SSIM and FLIP, and PSNR with the channels scaled."""
+    """The cheap metrics of `score`: PSNR, SSIM and FLIP, and PSNR with the channels scaled."""
     picture = np.asarray(radiance, np.float32)
     scale = channel_scale(picture, truth.radiance, truth.inside).astype(np.float32)
     aligned = psnr(srgb_encode(picture * scale), srgb_encode(truth.radiance), truth.inside)

@@ -27,7 +27,7 @@ def test_rows_stand_in_the_order_that_they_must(evaluated):
     assert psnr(result, "no_decomposition") <= psnr(result, "no_decomposition_each") + 1e-9
 
 
-def test_full_is_the_last_step_of_the_ladder(evaluated):
+def test_full_is_the_last_of_the_term_by_term_rows(evaluated):
     cells = evaluated[2].document["cells"]
     for own, last in (("full", "bounce_own"), ("full_true", "bounce_true")):
         assert cells[own]["ball / dusk"]["psnr"] == cells[last]["ball / dusk"]["psnr"]
@@ -58,9 +58,9 @@ def test_the_spread_of_honest_noise_is_calibrated(evaluated):
 
 
 def test_regularisation_shows_in_the_film(evaluated):
-    film = evaluated[2].document["film"]["mean"]
-    assert film["full"]["tpsnr_diff"]["mean"] > film["unregularised"]["tpsnr_diff"]["mean"]
-    assert film["full"]["tpsnr_warp"]["mean"] > film["unregularised"]["tpsnr_warp"]["mean"]
+    video = evaluated[2].document["video"]["mean"]
+    assert video["full"]["tpsnr_diff"]["mean"] > video["unregularised"]["tpsnr_diff"]["mean"]
+    assert video["full"]["tpsnr_warp"]["mean"] > video["unregularised"]["tpsnr_warp"]["mean"]
 
 
 def test_every_number_has_its_definition_and_json_has_no_infinities(evaluated):
@@ -98,7 +98,7 @@ def test_a_second_run_does_nothing_and_a_new_truth_redoes_its_map_alone(shot, tm
         ran.extend([event["stage"]] if event["event"] == "done" else [])
 
     first = run_evaluation(shot, tmp_path / "out", HERE, listen)
-    assert "judge.noon" in ran
+    assert "score.noon" in ran
     ran.clear()
     again = run_evaluation(shot, tmp_path / "out", HERE, listen)
     assert ran == []
@@ -131,11 +131,11 @@ def test_full_is_what_the_product_delivers(evaluated):
     store, position = FrameStore(session.output.store), 0
     product = session.book.find("relight", 1001).arrays
     lit = sum(store.read(name, position, product[name]) for name in ("diffuse", "specular"))
-    judged = session.book.find("judge.noon", 1001).arrays["judge.noon.relit.full"]
-    np.testing.assert_array_equal(store.read("judge.noon.relit.full", position, judged), lit)
+    judged = session.book.find("score.noon", 1001).arrays["score.noon.relit.full"]
+    np.testing.assert_array_equal(store.read("score.noon.relit.full", position, judged), lit)
 
 
-def test_new_materials_leave_the_given_rows_as_they_are(shot, tmp_path):
+def test_new_materials_leave_rows_without_decomposition_as_they_are(shot, tmp_path):
     ran = []
 
     def listen(event):
@@ -145,8 +145,8 @@ def test_new_materials_leave_the_given_rows_as_they_are(shot, tmp_path):
     path = shot / "passes.1001.exr"
     write_exr(path, {n: np.sqrt(read_image(path).stack([n])[..., 0]) for n in ("roughness.Y", "metallic.Y")})
     _fresh(run_evaluation, shot, tmp_path / "out", listen)
-    assert "judge.noon" in ran
-    assert not [stage for stage in ran if stage.startswith(("given", "search"))]
+    assert "score.noon" in ran
+    assert not [stage for stage in ran if stage.startswith(("independent", "search"))]
 
 
 def test_blenders_row_appears_when_it_is_rendered(shot, tmp_path):
@@ -191,7 +191,7 @@ def _fresh(call, shot, output, listen):
     return call(shot, output, HERE, listen)
 
 
-def test_what_remains_is_read_from_truths_that_end_early_and_from_variants(shot, tmp_path):
+def test_unmodelled_effects_are_measured_from_truths_that_end_early_and_from_variants(shot, tmp_path):
     for name in ("dusk", "noon"):
         picture = read_image(shot / f"truth/relit_{name}.1001.exr").stack("RGBA")
         for number, light in ((0, 0.8), (1, 1.0)):
@@ -203,15 +203,15 @@ def test_what_remains_is_read_from_truths_that_end_early_and_from_variants(shot,
     (tmp_path / "scaling" / "scaling.json").write_text(
         json.dumps({"quality": "draft", "stages": {"flow": {"8x4": {"seconds": 2, "peak_bytes": 3e9}}}, "lengths": {}})
     )
-    result = run_evaluation(shot.parent, tmp_path / "remains", options)
-    lines = {line["effect"]: line for line in result.document["remains"]}
+    result = run_evaluation(shot.parent, tmp_path / "unmodelled", options)
+    lines = {line["effect"]: line for line in result.document["unmodelled"]}
     assert lines["light after bounce 1"]["rmse"] == 0
     assert lines["light after bounce 0"]["rmse"] > 0.01
     assert lines["light after bounce 0"]["with"] < lines["light after bounce 0"]["without"]
     assert lines["dust"]["rmse"] == lines["dust"]["share"] == 0  # the same shot under another name
     assert lines["dust"]["n"] == 2
     page = result.page.read_text()
-    assert "What remains" in page
+    assert "Effects that are not modelled" in page
     assert "2.00 s / 3.00 GB" in page
 
 
@@ -219,6 +219,6 @@ def test_another_page_shows_what_was_measured_beside_it(tmp_path):
     from yesnt.measure.evaluation.run import measured_elsewhere
 
     (tmp_path / "unmodelled").mkdir()
-    (tmp_path / "unmodelled" / "evaluation.json").write_text(json.dumps({"remains": [{"effect": "hair"}]}))
-    assert measured_elsewhere(tmp_path / "objects") == {"remains": [{"effect": "hair"}]}
+    (tmp_path / "unmodelled" / "evaluation.json").write_text(json.dumps({"unmodelled": [{"effect": "hair"}]}))
+    assert measured_elsewhere(tmp_path / "objects") == {"unmodelled": [{"effect": "hair"}]}
     assert measured_elsewhere(tmp_path / "elsewhere" / "objects") == {}

@@ -5,7 +5,7 @@ import pytest
 
 from yesnt.core.errors import JobError
 from yesnt.measure.evaluation.subjects import find_subjects
-from yesnt.metrics.seen import truly_seen
+from yesnt.metrics.occlusion import visible_in_next
 
 
 def test_shots_are_named_by_their_place_in_the_set(shot):
@@ -36,7 +36,7 @@ def test_what_is_hidden_is_not_seen():
     nearer = z.copy()
     nearer[:, :5] = 1.5  # something comes before the left part; a bilinear neighbour still shows column 4
     flow[0, :, 1] = -1  # the first row leaves the frame
-    seen = truly_seen(flow, z, nearer, matte, matte)
+    seen = visible_in_next(flow, z, nearer, matte, matte)
     assert not seen[0].any()
     assert not seen[1:, :4].any()
     assert seen[1:, 5:].all()

@@ -31,9 +31,9 @@ def document(full, constant, true):
     own = {"stage": "decomposition", "definition": "d", "psnr": {"n": 0}, "rmse": 0.1, "n": 1, "largest": True}
     shot = {"name": "a", "width": 8, "height": 8, "maps": {"b": [1]}, "quality": "draft", "lacking": ""}
     nothing = {"mean": {"roughness": {"observed": {}}}, "flow": {}, "shots": {}}
-    film = {"mean": {row: {} for row in ("unregularised", "full", "truth")}}
+    video = {"mean": {row: {} for row in ("unregularised", "full", "truth")}}
     constants = {"a": {"no_decomposition": [0.5, 0.0], "no_decomposition_each": [0.5, 0.0]}}
-    made = {"rows": rows, "cells": cells, "separation": [own], "shots": [shot], "material": nothing, "film": film}
+    made = {"rows": rows, "cells": cells, "separation": [own], "shots": [shot], "material": nothing, "video": video}
     made |= {"constants": constants, "worst": []}
     return made | {"margins": margins(made)}
 
@@ -60,5 +60,5 @@ def test_empty_tables_are_left_out_and_the_main_one_is_first():
     made = document(30.0, 28.0, 31.0)
     titles = [table.title for table in tables(made)]
     assert titles[0].startswith("Accuracy")
-    assert "Films" not in titles
+    assert "Videos" not in titles
     assert "roughness 0.5, metallic 0" in as_markdown(made)

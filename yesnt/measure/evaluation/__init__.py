@@ -1,1 +1,1 @@
-"""Measures finished shots that come with truth, and sets the numbers beside the paper's (method.md section 7)."""
+"""Measures shots that have ground truth and compares the results with the paper's (method.md section 7)."""

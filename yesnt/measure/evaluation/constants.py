@@ -1,4 +1,4 @@
-"""The best constant material: what No Decomposition is given, so that it is the strongest of its kind."""
+"""The best constant material: the row No Decomposition uses it, so that it is as strong as it can be."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Pair = tuple[float, float]
 
 
 def best_constants(plans: Sequence[EvalPlan]) -> dict[str, dict[str, Pair]]:
-    """Shot -> row -> (roughness, metallic) with the largest mean PSNR: over the whole set, and over the shot's maps."""
+    """The (roughness, metallic) with the largest mean PSNR, by shot and row: over the whole set, and over one shot."""
     found = {plan.subject.name: _candidates(plan) for plan in plans}
     whole = _best([column for columns in found.values() for column in columns])
     return {
@@ -22,11 +22,11 @@ def best_constants(plans: Sequence[EvalPlan]) -> dict[str, dict[str, Pair]]:
 
 
 def _candidates(plan: EvalPlan) -> list[Mapping[str, float]]:
-    """PSNR by candidate, of every map whose search is done."""
+    """PSNR by candidate, for every map whose search is done."""
     columns = []
     for name, _ in plan.subject.maps:
-        judged = plan.judged(name)
-        record = plan.session.book.find(StageId("search", part=name), judged[len(judged) // 2])
+        scored = plan.scored_frames(name)
+        record = plan.session.book.find(StageId("search", part=name), scored[len(scored) // 2])
         if record is not None:
             columns.append(record.facts["psnr"])
     return columns

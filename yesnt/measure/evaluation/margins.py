@@ -1,4 +1,4 @@
-"""The paper's margins, held against ours, and in plain words why where they do not hold."""
+"""The paper's margins compared with ours, and the reason where one does not hold."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ PAPER = MappingProxyType({
 })  # fmt: skip
 """What the paper prints for its own data, with its own (unstated) masks; LPIPS there is not our ST-LPIPS."""
 
-PAPER_FILM = MappingProxyType(
+PAPER_VIDEO = MappingProxyType(
     {"unregularised": {"tpsnr": 28.87, "ppl": 0.3598}, "full": {"tpsnr": 29.37, "ppl": 0.3587}}
 )
 
 
 @dataclass(frozen=True)
 class Margin:
-    """Full must be better than another row by this much.
+    """A margin by which Full must exceed another row.
 
     Attributes:
-        title: what is claimed.
-        other: the row that Full is compared with; None: with nothing.
-        metric: which number.
-        least: how much Full must have more of it (than the other row).
+        title: the claim.
+        other: the row that Full is compared with; None: the value of Full itself is tested.
+        metric: name of the metric.
+        least: smallest difference (or value) with which the margin holds.
     """
 
     title: str
@@ -45,7 +45,7 @@ MARGINS = (
 
 
 def margins(document: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Every margin with what was measured, whether it holds, and why not."""
+    """Every margin with the measured value, whether it holds, and why not."""
     rows = {row["name"]: row for row in document["rows"]}
     return [_measured(margin, rows, document) for margin in MARGINS]
 
@@ -64,7 +64,7 @@ def _measured(margin: Margin, rows: Mapping[str, Any], document: Mapping[str, An
 
 
 def _paired(rows: Mapping[str, Any], document: Mapping[str, Any], margin: Margin, row: str) -> float | None:
-    """Mean over the cells that both rows have of the metric's difference (of the metric itself without another row)."""
+    """Mean difference of the metric over the cells that both rows have; without another row, mean of the metric."""
     cells = document["cells"].get(row, {})
     if margin.other is None:
         values = [cell[margin.metric] for cell in cells.values()]

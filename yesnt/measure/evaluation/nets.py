@@ -1,4 +1,4 @@
-"""Where perceptual weights come from: the extra `yesnt[metrics]` for ST-LPIPS, the user's own file for LPIPS."""
+"""Weights of the perceptual networks: of ST-LPIPS from the extra `yesnt[metrics]`, of LPIPS from the user's file."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from yesnt.metrics.perceptual import PerceptualNet
 
 STLPIPS_WEIGHTS = "weights/vST0.0/alex_shift_tolerant.pth"
-"""Inside the package `stlpips_pytorch`, which is never imported: its code needs parts that we do not."""
+"""Inside the package `stlpips_pytorch`, which is never imported: its code has dependencies that we do not need."""
 
 
 def stlpips_weights() -> Path | None:
@@ -26,14 +26,14 @@ def stlpips_weights() -> Path | None:
 
 @lru_cache(maxsize=2)
 def open_nets(lpips: Path | None) -> tuple[PerceptualNet, ...]:
-    """The perceptual networks that are at hand: ST-LPIPS first, then the user's.
+    """The perceptual networks whose weights are present: ST-LPIPS first, then the user's LPIPS.
 
     Args:
         lpips: a saved state_dict of the whole LPIPS model with AlexNet, or None.
 
     Raises:
         JobError: the user's file cannot be read.
-        CorruptError: weights are not what they should be.
+        CorruptError: the weights are of another network.
     """
     import torch
 

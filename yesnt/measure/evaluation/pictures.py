@@ -1,4 +1,4 @@
-"""Pictures of the page: small JPEG strips of plate, truth, ours and FLIP."""
+"""Pictures of the page: JPEG strips of plate, truth, our result and FLIP."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from yesnt.metrics.flip import flip_map
 from yesnt.metrics.score import Truth, box_of
 
 PANELS = ("plate", "truth", "ours", "FLIP of ours", "ours with true materials")
-"""What a strip shows, from left to right."""
+"""Panels of a strip, from left to right."""
 
 MATERIAL_PANELS = ("plate", "true roughness", "ours", "standard deviation", "true metal", "ours", "standard deviation")
-"""What a strip of materials shows, from left to right."""
+"""Panels of a strip of materials, from left to right."""
 
-_QUALITY = 88  # JPEG: 110 strips stay below 5 MB, and no figure is read from them
+_QUALITY = 88  # JPEG: 110 strips stay below 5 MB; no number is measured on them
 
 
 def strip_name(name: str, frame: int, row: str) -> str:
-    """File name of the strip of a map's frame with this row as ours."""
+    """File name of the strip that shows a row for one frame under one map."""
     return f"{name}.{frame:04d}.{row}.jpg"
 
 
@@ -38,10 +38,10 @@ def write_strip(
 
     Args:
         path: of the JPEG.
-        plate: [H, W, 3] straight, scene-linear, as all pictures here.
-        ours: the relit picture.
-        ceiling: the same with true materials, or None.
-        truth: Blender's picture.
+        plate: [H, W, 3] straight, scene-linear.
+        ours: [H, W, 3] our relit picture, straight, scene-linear.
+        ceiling: [H, W, 3] the same with true materials, or None.
+        truth: the reference rendered in Blender.
     """
     shown = truth.shown(ours)
     panels = [_bytes(picture) for picture in (truth.shown(plate), truth.display, shown)]

@@ -1,4 +1,4 @@
-"""The rows of the tables: what each is fed, and how its relighting differs from the product's."""
+"""Rows of the tables: the materials that each uses, and how its relighting differs from the default."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 Source = Literal["plate", "own", "observed", "true", "constant", "own_constant", "blender", "true_flow", "own_flow"]
-Group = Literal["table", "ladder", "separation"]
+Group = Literal["table", "ablation", "separation"]
 
 FULL: Mapping[str, Any] = MappingProxyType({})
 PAPER = MappingProxyType({"base_color": "plate", "brdf": "paper", "bounce": 0, "edges": False, "pixel_filter": 0.0})
@@ -20,14 +20,14 @@ class Row:
     """One way to make a relit picture.
 
     Attributes:
-        name: the word in JSON.
-        title: the words in tables.
-        group: the table it stands in; `separation` rows are only inputs of the errors' separation.
-        source: where roughness and metallic come from, or a picture that is taken as it is.
-        definition: what is done, in a sentence.
-        knobs: of the relighting, over those of the shot.
-        proxy: whether shadows and bounces have the proxy mesh.
-        true_base: whether the base colour is the truth's instead of recovered from the plate.
+        name: key in JSON.
+        title: label in tables.
+        group: the table that it belongs to; `separation` rows only serve to separate the stages' errors.
+        source: origin of roughness and metallic, or of a picture that is used unchanged.
+        definition: what is computed, in one sentence.
+        knobs: relighting settings that replace those of the shot.
+        proxy: whether visibility and bounces use the proxy mesh.
+        true_base: whether the true base colour is used instead of the one recovered from the plate.
     """
 
     name: str
@@ -46,17 +46,17 @@ class Row:
 
     @property
     def thorough(self) -> bool:
-        """Whether every number is measured; the ladder and what no method may know get the quick ones."""
+        """Whether every metric is computed; term-by-term rows and constants per shot get the quick ones only."""
         return self.group == "table" and self.source != "own_constant"
 
     @property
-    def given(self) -> bool:
-        """Whether it is the same whatever the decomposition says, so that new weights leave it as it is."""
+    def independent(self) -> bool:
+        """Whether the row does not depend on the decomposition, so that new weights leave it unchanged."""
         return self.source in ("plate", "true", "blender")
 
 
-def _ladder() -> tuple[Row, ...]:
-    """The terms of method.md section 5 one by one, with true and with own materials; the last step is Full itself."""
+def _ablation() -> tuple[Row, ...]:
+    """The terms of method.md section 5 added one by one, with true and with own materials; the last row equals Full."""
     steps: tuple[tuple[str, str, str, Mapping[str, Any], bool], ...] = (
         ("paper", "The paper's scheme", "base colour = plate, plain BRDF, one shadow factor marched through z",
          {**PAPER, "shadows": "single"}, False),
@@ -73,7 +73,7 @@ def _ladder() -> tuple[Row, ...]:
     )  # fmt: skip
     sources: tuple[tuple[Source, str], ...] = (("true", "true materials"), ("own", "own materials"))
     return tuple(
-        Row(f"{name}_{source}", f"{title}, {what}", "ladder", source, f"{text}; {what}", knobs, proxy)
+        Row(f"{name}_{source}", f"{title}, {what}", "ablation", source, f"{text}; {what}", knobs, proxy)
         for name, title, text, knobs, proxy in steps
         for source, what in sources
     )
@@ -101,23 +101,23 @@ SEPARATION = (
     Row("solved_own_flow", "", "separation", "own_flow", "Full with the true materials after a solve along our flow"),
 )
 
-ROWS = MappingProxyType({row.name: row for row in (*TABLE, *_ladder(), *SEPARATION)})
+ROWS = MappingProxyType({row.name: row for row in (*TABLE, *_ablation(), *SEPARATION)})
 """Every row by name."""
 
 
-EXACT_ARRAYS = MappingProxyType({"true_flow": "exact_true_flow", "own_flow": "exact_own_flow"})
-"""Where the solves of true materials are stored, by the source that reads them."""
+TRUE_SOLVES = MappingProxyType({"true_flow": "solved_true_flow_material", "own_flow": "solved_own_flow_material"})
+"""Arrays that hold the temporal solves of the true materials, by the source that reads them."""
 
 
 @dataclass(frozen=True)
 class Separation:
-    """One stage's own error: two pictures that differ in that stage alone.
+    """The error of one stage: two pictures that differ in that stage only.
 
     Attributes:
-        stage: its name.
+        stage: name of the stage.
         candidate: the row with the stage's own result.
-        reference: the row with the truth in its place, or "truth" for Blender's picture.
-        text: what is compared.
+        reference: the row with the truth in its place, or "truth" for the reference picture.
+        text: what is compared, in one sentence.
     """
 
     stage: str
@@ -138,4 +138,4 @@ SEPARATIONS = (
     Separation("flow", "solved_own_flow", "solved_true",
                "true materials after a solve along our flow against the same along the true flow"),
 )  # fmt: skip
-"""Stages of the product in the order of light; the G-buffer and the proxy of a rendered stage are true."""
+"""Every stage that has an error of its own; G-buffers and proxies of rendered shots are exact."""

@@ -1,4 +1,4 @@
-"""One evaluation: every shot of a set through the product and the judges, then one document."""
+"""Runs an evaluation: all shots of a set are processed and scored, then one document is written."""
 
 from __future__ import annotations
 
@@ -30,20 +30,20 @@ from yesnt.runtime.cluster import ClusterSpec, open_cluster
 from yesnt.runtime.driver import Driver
 from yesnt.runtime.precompile import Precompilation
 from yesnt.runtime.session import Session
-from yesnt.workflows.evaluate import constants_graph, evaluation_graph, ladder_graph
+from yesnt.workflows.evaluate import ablation_graph, constants_graph, evaluation_graph
 
 Listener = Callable[[Mapping[str, Any]], None]
 
 
 @dataclass(frozen=True)
 class EvalOptions:
-    """What is measured and how.
+    """Options of an evaluation.
 
     Attributes:
-        shots: shots to judge; None: all that there is truth for.
-        maps: maps to judge; None: all that there is truth for.
-        thorough: frames of a shot, at most, on which every row is scored.
-        probes: maps of a shot, at most, under which the ladder is climbed and the best constants are searched.
+        shots: names of the shots to evaluate; None: all that have truth.
+        maps: names of the maps to evaluate; None: all that have truth.
+        thorough: largest number of frames per shot on which every row is scored.
+        probes: largest number of maps per shot for the term-by-term rows and the search of constants.
         samples: members of the ensemble; None: as the shots say.
         weights: of the decomposition; None: as the shots say.
         quality: of the relighting; None: as the shots say.
@@ -66,7 +66,7 @@ class EvalOptions:
 
 @dataclass
 class EvalResult:
-    """What an evaluation left: the document, its files, and what failed by shot and node."""
+    """Result of an evaluation: the document, its files, and the reasons of failures by shot and node."""
 
     document: dict[str, Any]
     output: Path
@@ -91,13 +91,13 @@ class EvalResult:
 def run_evaluation(
     folder: Path, output: Path, options: EvalOptions, listen: Listener = lambda event: None
 ) -> EvalResult:
-    """Evaluates every shot with truth below a folder; what is done already is not done again.
+    """Evaluates every shot with ground truth below a folder; finished work is kept.
 
     Args:
         folder: a shot, or a folder of shots.
         output: where stores, records, pictures and tables go.
-        options: what is measured.
-        listen: called with every event of the driver.
+        options: shots, maps and settings.
+        listen: receives every event of the driver.
 
     Raises:
         UsageError: there is nothing to evaluate.
@@ -113,7 +113,7 @@ def run_evaluation(
         for plan in plans:
             drive(plan, constants_graph(plan, constants[plan.subject.name]))
         for plan in plans:
-            drive(plan, ladder_graph(plan))
+            drive(plan, ablation_graph(plan))
     document = summarise(plans, constants)
     document |= measured_elsewhere(output)
     day = datetime.now(UTC).date().isoformat()
@@ -127,10 +127,10 @@ def run_evaluation(
 
 def measured_elsewhere(output: Path) -> dict[str, Any]:
     """Results of other commands in folders next to this one: `unmodelled/evaluation.json`, `scaling/scaling.json`."""
-    remains, scaling = output.parent / "unmodelled" / "evaluation.json", output.parent / "scaling" / "scaling.json"
+    unmodelled, scaling = output.parent / "unmodelled" / "evaluation.json", output.parent / "scaling" / "scaling.json"
     found: dict[str, Any] = {}
-    if remains.is_file():
-        found["remains"] = json.loads(remains.read_text())["remains"]
+    if unmodelled.is_file():
+        found["unmodelled"] = json.loads(unmodelled.read_text())["unmodelled"]
     if scaling.is_file():
         found["scaling"] = json.loads(scaling.read_text())
     return found

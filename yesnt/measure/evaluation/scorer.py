@@ -1,4 +1,4 @@
-"""Tasks that look at pictures: one frame under one map, row by row, and the search for the best constants."""
+"""Tasks that score one frame under one map, row by row, and the search for the best constant material."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from yesnt.core.stage_id import StageId
 from yesnt.io.file_digests import file_digest
 from yesnt.measure.evaluation.nets import open_nets
 from yesnt.measure.evaluation.pictures import strip_name, write_strip
-from yesnt.measure.evaluation.rows import EXACT_ARRAYS, ROWS, SEPARATIONS, Row
+from yesnt.measure.evaluation.rows import ROWS, SEPARATIONS, TRUE_SOLVES, Row
 from yesnt.measure.evaluation.scene import SceneKey, open_scene
 from yesnt.measure.evaluation.subjects import PROXY, TrueMaterial
 from yesnt.measure.evaluation.task_records import ScoreTask, SearchTask
@@ -24,34 +24,34 @@ from yesnt.tasks.workspace import Workspace
 
 F32 = NDArray[np.float32]
 
-FILMED = ("unregularised", "full")
-"""Rows whose pictures are kept for the film's numbers."""
+VIDEO_ROWS = ("unregularised", "full")
+"""Rows whose pictures are kept to measure their videos."""
 
-GIVEN_KEPT = ("full_true",)
-"""Given rows whose pictures are kept: what the stages' own errors are measured against."""
+INDEPENDENT_KEPT = ("full_true",)
+"""Rows without decomposition whose pictures are kept: the errors of single stages are measured against them."""
 
 SEARCH_STRIDE = 5
 SEARCH_ROUGHNESS = (0.2, 0.35, 0.5, 0.65, 0.8, 1.0)
 SEARCH_METALLIC = (0.0, 0.25, 0.5, 1.0)
 
 
-def judge(space: Workspace[ScoreTask]) -> None:
-    """Scores the rows of one frame under one map; keeps the pictures that a film's numbers need."""
+def score_rows(space: Workspace[ScoreTask]) -> None:
+    """Scores the rows of one frame under one map; keeps the pictures that the video's metrics need."""
     task, frame = space.task, space.frame
-    studio = _Studio(space)
+    scorer = _RowScorer(space)
     rows = [ROWS[row] for row in task.rows]
     with space.kernel():
-        pictures = {row.name: studio.picture(row) for row in rows}
-        facts: dict[str, Any] = {"rows": {row.name: studio.scores(row, pictures[row.name]) for row in rows}}
-        pictures |= studio.given()
-        facts["separation"] = studio.separations(pictures)
-    files = _strip(space, studio, pictures) if task.strip else {}
+        pictures = {row.name: scorer.picture(row) for row in rows}
+        facts: dict[str, Any] = {"rows": {row.name: scorer.scores(row, pictures[row.name]) for row in rows}}
+        pictures |= scorer.independent()
+        facts["separation"] = scorer.separations(pictures)
+    files = _strip(space, scorer, pictures) if task.strip else {}
     kept = {f"relit.{row}": pictures[row].transpose(2, 0, 1) for row in task.keep}
     space.commit(frame, kept, files, facts)
 
 
 def search(space: Workspace[SearchTask]) -> None:
-    """PSNR of every candidate constant on one frame under one map, at one pixel in 25, with few directions."""
+    """PSNR of every candidate constant on one frame under one map, at one pixel in 25, with a coarse light."""
     task, frame = space.task, space.frame
     scene = open_scene(SceneKey(task.shot, frame, SEARCH_STRIDE, space.job))
     radiance, opacity = task.subject.read_relit(task.map, frame)
@@ -71,8 +71,8 @@ def constant_planes(pair: tuple[float, float], shape: tuple[int, ...]) -> F32:
     return np.broadcast_to(np.array(pair, np.float32)[:, None, None], (2, *shape))
 
 
-class _Studio:
-    """One frame under one map: its truth, and pictures made once for every way of making them."""
+class _RowScorer:
+    """Scores one frame under one map; rows that are computed alike share one picture."""
 
     def __init__(self, space: Workspace[ScoreTask]) -> None:
         self._space, self._frame, self._task = space, space.frame, space.task
@@ -84,22 +84,22 @@ class _Studio:
         self._made: dict[Any, F32] = {}
 
     def picture(self, row: Row) -> F32:
-        """The relit picture of a row; rows that are made alike share one."""
+        """The relit picture [H, W, 3] of a row, straight, scene-linear."""
         way = (row.source, tuple(sorted(row.knobs.items())), row.proxy, row.true_base, self._constant(row))
         if way not in self._made:
             self._made[way] = self._make(row)
         return self._made[way]
 
-    def given(self) -> dict[str, F32]:
-        """The pictures that the node of the given rows has kept for this one."""
-        stage = StageId("given", part=self._map)
-        if self._space.node.stage.name != "judge" or not self._task.thorough:
+    def independent(self) -> dict[str, F32]:
+        """The pictures that the node of the independent rows has kept for this frame."""
+        stage = StageId("independent", part=self._map)
+        if self._space.node.stage.name != "score" or not self._task.thorough:
             return {}
-        read = {row: self._space.read(stage, f"relit.{row}", self._frame) for row in GIVEN_KEPT}
+        read = {row: self._space.read(stage, f"relit.{row}", self._frame) for row in INDEPENDENT_KEPT}
         return {row: picture.transpose(1, 2, 0) for row, picture in read.items()}
 
     def scores(self, row: Row, picture: F32) -> Mapping[str, float]:
-        """Numbers of a row: all for the table, the quick ones for the ladder and for frames between."""
+        """Metrics of a row by name: all of them on scored frames of table rows, otherwise the quick ones."""
         if row.group == "separation":
             return {}
         full = row.thorough and self._task.thorough
@@ -107,7 +107,7 @@ class _Studio:
         return {metric.name: metric.value for metric in found}
 
     def separations(self, pictures: Mapping[str, F32]) -> dict[str, float]:
-        """Mean squared display error of each stage alone."""
+        """Mean squared display error of each stage on its own."""
         shown = {name: srgb_encode(picture) for name, picture in pictures.items()}
         shown["truth"] = srgb_encode(self.truth.radiance)
         return {
@@ -141,19 +141,19 @@ class _Studio:
 _ARRAYS = {
     "own": (SOLVE, "material"),
     "observed": (DECOMPOSE, "observed"),
-    **{source: (StageId("exact"), array) for source, array in EXACT_ARRAYS.items()},
+    **{source: (StageId("solve_true"), array) for source, array in TRUE_SOLVES.items()},
 }
-"""Where the material of a source is stored: stage and array."""
+"""Stage and array that hold the material of each source."""
 
 
 def _nets(space: Workspace[ScoreTask]) -> Any:
     return open_nets(space.task.lpips)
 
 
-def _strip(space: Workspace[ScoreTask], studio: _Studio, pictures: Mapping[str, F32]) -> dict[str, str]:
+def _strip(space: Workspace[ScoreTask], scorer: _RowScorer, pictures: Mapping[str, F32]) -> dict[str, str]:
     """Plate, truth, ours, FLIP and ours with true materials side by side, for the page."""
     row = next(name for name in ("full", "full_true") if name in pictures)
     path = space.output.root / "pictures" / strip_name(space.task.map, space.frame, row)
     ceiling = pictures["full_true"] if row == "full" else None
-    write_strip(path, studio.scene.plate.color, pictures[row], ceiling, studio.truth)
+    write_strip(path, scorer.scene.plate.color, pictures[row], ceiling, scorer.truth)
     return {str(path.relative_to(space.output.root)): file_digest(path)}

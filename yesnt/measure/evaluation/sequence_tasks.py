@@ -1,4 +1,4 @@
-"""Tasks that look at a whole shot: materials and flow against truth, the solve of true materials, films."""
+"""Tasks that measure a whole shot: materials and flow against truth, the solve of true materials, videos."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from yesnt.io.file_digests import file_digest
 from yesnt.io.jobfile import frame_path
 from yesnt.measure.evaluation.nets import open_nets
 from yesnt.measure.evaluation.pictures import write_materials
-from yesnt.measure.evaluation.scorer import FILMED
+from yesnt.measure.evaluation.scorer import VIDEO_ROWS
 from yesnt.measure.evaluation.subjects import Subject
-from yesnt.measure.evaluation.task_records import ExactTask, MaterialTask, VideoTask
+from yesnt.measure.evaluation.task_records import MaterialTask, TrueSolveTask, VideoTask
 from yesnt.metrics.definitions import Metric, named
 from yesnt.metrics.image import psnr
 from yesnt.metrics.material import measure_material, sparsification
-from yesnt.metrics.motion import Film, measure_flow, measure_lengths, path_length, tpsnr_diff, tpsnr_warp
+from yesnt.metrics.motion import Video, measure_flow, measure_lengths, path_length, tpsnr_diff, tpsnr_warp
+from yesnt.metrics.occlusion import visible_in_next
 from yesnt.metrics.score import SOLID, Truth
-from yesnt.metrics.seen import truly_seen
 from yesnt.planning import settings as of
 from yesnt.planning.stages import DECOMPOSE, FLOW, SOLVE
 from yesnt.tasks.workspace import Workspace
@@ -37,11 +37,11 @@ MATERIAL_STRIP = "materials.jpg"
 """Name of a shot's strip of materials among its pictures."""
 
 LARGEST_SPREAD = 0.5
-"""Standard deviation that is drawn white: values in 0..1 have none that is larger."""
+"""Standard deviation that is drawn white: the largest that values in 0..1 can have."""
 
 
-def exact(space: Workspace[ExactTask]) -> None:
-    """The temporal solve of true materials, along true and along our flow: what the solve itself changes."""
+def solve_true(space: Workspace[TrueSolveTask]) -> None:
+    """Solves the true materials along true and along our flow, to measure what the solve itself changes."""
     from yesnt.decompose.confidence import confidence
     from yesnt.temporal import solve
 
@@ -54,10 +54,10 @@ def exact(space: Workspace[ExactTask]) -> None:
         spreads = [space.read(DECOMPOSE, "spread", frame) for frame in job.frames]
         weights = np.stack([confidence(spread) for spread in spreads], axis=1)
     links = {}
-    if "exact_own_flow" in space.task.arrays:
-        links["exact_own_flow"] = _own_links(space)
-    if "exact_true_flow" in space.task.arrays:
-        links["exact_true_flow"] = _true_links(space, subject) if len(job.frames) > 1 else _no_links(space)
+    if "solved_own_flow_material" in space.task.arrays:
+        links["solved_own_flow_material"] = _own_links(space)
+    if "solved_true_flow_material" in space.task.arrays:
+        links["solved_true_flow_material"] = _true_links(space, subject) if len(job.frames) > 1 else _no_links(space)
     solved = {}
     with space.kernel():
         for name, (flow, validity) in links.items():
@@ -108,8 +108,8 @@ def _material_strip(space: Workspace[Any], subject: Subject) -> dict[str, str]:
     return {str(path.relative_to(space.output.root)): file_digest(path)}
 
 
-def film(space: Workspace[VideoTask]) -> None:
-    """Numbers of the relit films of one map: with and without temporal regularisation."""
+def video(space: Workspace[VideoTask]) -> None:
+    """Measures the relit videos of one map, with and without temporal regularisation."""
     job, first = space.job, space.frame
     subject, name = space.task.subject, space.task.map
     truths = [_truth(space, subject, name, frame) for frame in job.frames]
@@ -120,19 +120,19 @@ def film(space: Workspace[VideoTask]) -> None:
     facts: dict[str, Any] = {}
     with space.kernel():
         lengths = [path_length(true, net) for net in nets]
-        for row in FILMED:
+        for row in VIDEO_ROWS:
             pictures = (
-                space.read(StageId("judge", part=name), f"relit.{row}", f).transpose(1, 2, 0) for f in job.frames
+                space.read(StageId("score", part=name), f"relit.{row}", f).transpose(1, 2, 0) for f in job.frames
             )
             shown = np.stack([truth.shown(picture) for truth, picture in zip(truths, pictures, strict=True)])
-            numbers = _film_numbers(shown, true, matte, links)
+            numbers = _video_numbers(shown, true, matte, links)
             for net, length in zip(nets, lengths, strict=True):
                 numbers += measure_lengths(path_length(shown, net), length)
             facts[row] = _as_dict(numbers)
-        facts["truth"] = _as_dict(_film_numbers(true, true, matte, links))
+        facts["truth"] = _as_dict(_video_numbers(true, true, matte, links))
         for length in lengths:
             facts["truth"]["ppl"] = float(length.mean())
-    space.commit(first, {}, facts={"film": facts})
+    space.commit(first, {}, facts={"video": facts})
 
 
 def _truth(space: Workspace[Any], subject: Subject, name: str, frame: int) -> Truth:
@@ -143,7 +143,7 @@ def _truth(space: Workspace[Any], subject: Subject, name: str, frame: int) -> Tr
 _STORED = {"observed": (DECOMPOSE, "observed"), "own": (SOLVE, "material"), "spread": (DECOMPOSE, "spread")}
 
 
-def _film_numbers(shown: Film, true: Film, matte: NDArray[np.bool_], links: tuple[F32, F32] | None) -> list[Metric]:
+def _video_numbers(shown: Video, true: Video, matte: NDArray[np.bool_], links: tuple[F32, F32] | None) -> list[Metric]:
     frames = [psnr(a, b, inside) for a, b, inside in zip(shown, true, matte, strict=True)]
     numbers = [named("psnr_frames", float(np.mean(frames))), named("tpsnr_diff", tpsnr_diff(shown, true, matte))]
     if links is not None:
@@ -171,18 +171,18 @@ def _own_links(space: Workspace[Any]) -> tuple[F32, F32]:
 
 
 def _true_links(space: Workspace[Any], subject: Subject) -> tuple[F32, F32]:
-    """True flow [T-1, H, W, 2] and where its point is truly seen in the next frame [T-1, H, W]."""
+    """True flow [T-1, H, W, 2], and where its point is visible in the next frame [T-1, H, W]."""
     job = space.job
     camera = Camera.open(frame_path(job.root, job.shot.camera, 0))
     flow = np.stack([subject.read_flow(frame) for frame in job.frames[:-1]])
     depth = np.stack([shot_inputs.read_surface(job, frame, camera).z for frame in job.frames])
     matte = np.stack([shot_inputs.read_matte(job, frame) > 0.5 for frame in job.frames])
-    seen = [truly_seen(flow[t], depth[t], depth[t + 1], matte[t], matte[t + 1]) for t in range(len(flow))]
+    seen = [visible_in_next(flow[t], depth[t], depth[t + 1], matte[t], matte[t + 1]) for t in range(len(flow))]
     return flow, np.stack(seen).astype(np.float32)
 
 
 def _no_links(space: Workspace[Any]) -> tuple[F32, F32]:
-    """Flow and validity of a single frame: none."""
+    """Empty flow and validity, for shots of one frame."""
     shape = (0, space.job.height, space.job.width)
     return np.zeros((*shape, 2), np.float32), np.zeros(shape, np.float32)
 

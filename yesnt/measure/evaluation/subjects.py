@@ -1,4 +1,4 @@
-"""Shots with truth: where they lie, which maps they were relit under, and the truth as arrays."""
+"""Shots with ground truth: their folders, the maps that they were relit under, and the truth as arrays."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from yesnt.io.jobfile import frame_path, frames_on_disk
 F32 = NDArray[np.float32]
 
 TRUTH, RELIT, PROXY, EARLY = "truth", "relit_", "proxy_", "bounces"
-"""Folder of the truth, and prefixes of what Blender relit: subject, its proxy mesh, subject with few bounces."""
+"""Folder of the truth, and file prefixes: subject relit in Blender, its proxy mesh, subject with few bounces."""
 
 
 @dataclass(frozen=True)
@@ -34,8 +34,8 @@ class Subject:
 
     Attributes:
         folder: of the shot.
-        name: how tables call it: the folder's path below the set.
-        maps: names of the maps that there is truth for, with the file of each.
+        name: label in tables: the folder's path below the set.
+        maps: name and file of every map that has truth.
     """
 
     folder: Path
@@ -51,7 +51,7 @@ class Subject:
         return frame_path(self.folder / TRUTH, f"{prefix}{name}.####.exr", frame)
 
     def early_paths(self, name: str, frame: int) -> dict[int, Path]:
-        """Blender's pictures whose light paths end after so many bounces, by that number."""
+        """Pictures whose light paths end early, by the number of bounces."""
         found = {}
         for path in sorted((self.folder / TRUTH).glob(f"{EARLY}*_{name}.*.exr")):
             number = path.name[len(EARLY) :].partition("_")[0]
@@ -103,7 +103,7 @@ def find_subjects(
         shots: the shots to keep, by name; None: all.
 
     Raises:
-        UsageError: there is no such shot, or a shot or map that is asked for is nowhere.
+        UsageError: there is no such shot, or no shot has a name or map that was asked for.
     """
     jobs = sorted(folder.rglob("shot.yaml")) if folder.is_dir() else []
     found = [_subject(job.parent, folder) for job in jobs if (job.parent / TRUTH).is_dir()]

@@ -1,4 +1,4 @@
-"""From records to one document: every table, the errors of each stage, the margins, the worst cases."""
+"""Collects the records of an evaluation in one document: rows, errors of each stage, margins, worst cases."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from yesnt.core.stage_id import StageId
 from yesnt.measure.evaluation.margins import margins
 from yesnt.measure.evaluation.pictures import strip_name
 from yesnt.measure.evaluation.plan import EvalPlan
-from yesnt.measure.evaluation.remains import remains
 from yesnt.measure.evaluation.rows import ROWS, SEPARATIONS, Row
+from yesnt.measure.evaluation.unmodelled import unmodelled_effects
 from yesnt.metrics.definitions import DEFINITIONS
 from yesnt.metrics.image import decibels
 
@@ -22,7 +22,7 @@ Cells = dict[str, dict[str, dict[str, float]]]
 
 
 def summarise(plans: Sequence[EvalPlan], constants: Mapping[str, Mapping[str, tuple[float, float]]]) -> dict[str, Any]:
-    """The document that Markdown and page are made from; JSON-ready, None where a number is infinite or absent."""
+    """The document behind Markdown and page; plain JSON data, None where a number is infinite or absent."""
     cells = _cells(plans)
     document = {
         "shots": [_shot(plan) for plan in plans],
@@ -31,12 +31,12 @@ def summarise(plans: Sequence[EvalPlan], constants: Mapping[str, Mapping[str, tu
         "cells": cells,
         "separation": _separation(plans),
         "material": _material(plans),
-        "film": _film(plans),
+        "video": _video(plans),
         "worst": _worst(plans, cells),
         "definitions": {name: definition.text for name, definition in DEFINITIONS.items()},
     }
     document["margins"] = margins(document)
-    document["remains"] = remains(plans, cells)
+    document["unmodelled"] = unmodelled_effects(plans, cells)
     return _finite(document)
 
 
@@ -49,12 +49,12 @@ def spread(values: Iterable[float | None]) -> dict[str, float]:
 
 
 def _cells(plans: Sequence[EvalPlan]) -> Cells:
-    """Mean over the judged frames of every number of every row, shot and map."""
+    """Mean over the scored frames of every metric of every row, shot and map."""
     cells: Cells = {}
     for plan in plans:
         for name, _ in plan.subject.maps:
             rows: dict[str, list[Mapping[str, float]]] = {}
-            for facts in _facts(plan, name, ("given", "reference", "judge", "steps", "flat")):
+            for facts in _facts(plan, name, ("independent", "reference", "score", "ablation", "constant")):
                 for row, numbers in facts["rows"].items():
                     rows.setdefault(row, []).extend([numbers] if numbers else [])
             for row, frames in rows.items():
@@ -65,7 +65,7 @@ def _cells(plans: Sequence[EvalPlan]) -> Cells:
 
 def _facts(plan: EvalPlan, name: str, stages: Iterable[str]) -> Iterable[Mapping[str, Any]]:
     for stage in stages:
-        for frame in plan.judged(name):
+        for frame in plan.scored_frames(name):
             record = plan.session.book.find(StageId(stage, part=name), frame)
             if record is not None:
                 yield record.facts
@@ -79,7 +79,7 @@ def _shot(plan: EvalPlan) -> dict[str, Any]:
     job, backend = plan.session.job, plan.session.resolved.backend
     return {
         "name": plan.subject.name, "width": job.width, "height": job.height, "frames": len(job.frames),
-        "maps": {name: list(plan.judged(name)) for name, _ in plan.subject.maps}, "quality": job.shot.quality,
+        "maps": {name: list(plan.scored_frames(name)) for name, _ in plan.subject.maps}, "quality": job.shot.quality,
         "lacking": plan.lacking,
         "backend": None if plan.lacking or backend is None else backend.name,
         "weights": None if plan.lacking or backend is None else backend.weights,
@@ -99,7 +99,7 @@ def _row(row: Row, plans: Sequence[EvalPlan], cells: Cells) -> dict[str, Any]:
 
 
 def _separation(plans: Sequence[EvalPlan]) -> list[dict[str, Any]]:
-    """Own error of each stage over object x map, the largest marked."""
+    """Error of each stage on its own over object x map, the largest marked."""
     found: list[dict[str, Any]] = []
     largest, worst = -1, 0.0
     for i, one in enumerate(SEPARATIONS):
@@ -117,11 +117,11 @@ def _separation(plans: Sequence[EvalPlan]) -> list[dict[str, Any]]:
 
 
 def _own_errors(plans: Sequence[EvalPlan], stage: str) -> list[float]:
-    """Mean squared display error of a stage alone, for every shot and map that has it."""
+    """Mean squared display error of one stage, for every shot and map that has it."""
     errors = []
     for plan in plans:
         for name, _ in plan.subject.maps:
-            parts = [facts["separation"] for facts in _facts(plan, name, ("given", "judge"))]
+            parts = [facts["separation"] for facts in _facts(plan, name, ("independent", "score"))]
             frames = [part[stage] for part in parts if stage in part]
             errors += [float(np.mean(frames))] if frames else []
     return errors
@@ -145,16 +145,16 @@ def _material(plans: Sequence[EvalPlan]) -> dict[str, Any]:
     return {"shots": shots, "mean": planes, "flow": _spreads([s["flow"] for s in shots.values() if "flow" in s])}
 
 
-def _film(plans: Sequence[EvalPlan]) -> dict[str, Any]:
-    """Numbers of films by "shot / map", and over all of them."""
-    films: dict[str, Any] = {}
+def _video(plans: Sequence[EvalPlan]) -> dict[str, Any]:
+    """Metrics of videos by "shot / map", and over all of them."""
+    videos: dict[str, Any] = {}
     for plan in plans:
         for name, _ in plan.subject.maps:
-            record = plan.session.book.find(StageId("film", part=name), plan.frames[0])
-            if record is not None and plan.filmed(name):
-                films[f"{plan.subject.name} / {name}"] = record.facts["film"]
+            record = plan.session.book.find(StageId("video", part=name), plan.frames[0])
+            if record is not None and plan.has_video(name):
+                videos[f"{plan.subject.name} / {name}"] = record.facts["video"]
     rows = ("unregularised", "full", "truth")
-    return {"films": films, "mean": {row: _spreads([film[row] for film in films.values()]) for row in rows}}
+    return {"videos": videos, "mean": {row: _spreads([video[row] for video in videos.values()]) for row in rows}}
 
 
 def _spreads(columns: Sequence[Mapping[str, float]]) -> dict[str, dict[str, float]]:
@@ -170,13 +170,13 @@ def _worst(plans: Sequence[EvalPlan], cells: Cells) -> list[dict[str, Any]]:
         for name, _ in plan.subject.maps:
             cell = f"{plan.subject.name} / {name}"
             if cell in cells.get(shown, {}):
-                strip = f"shots/{plan.subject.name}/out/pictures/{strip_name(name, plan.shown(name), shown)}"
+                strip = f"shots/{plan.subject.name}/out/pictures/{strip_name(name, plan.page_frame(name), shown)}"
                 found.append({"cell": cell, "row": shown, "picture": strip, "psnr": cells[shown][cell]["psnr"]})
     return sorted(found, key=lambda one: one["psnr"])
 
 
 def _finite(value: Any) -> Any:
-    """The same document with None for numbers that JSON has no word for."""
+    """The same document with None for infinities and NaN, which JSON cannot hold."""
     if isinstance(value, Mapping):
         return {k: _finite(v) for k, v in value.items()}
     if isinstance(value, list | tuple):

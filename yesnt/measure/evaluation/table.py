@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from yesnt.measure.evaluation.margins import PAPER, PAPER_FILM
+from yesnt.measure.evaluation.margins import PAPER, PAPER_VIDEO
 from yesnt.metrics.definitions import DEFINITIONS
 
 MAIN = (
@@ -19,20 +19,20 @@ ALIGNED = (
     "lpips_aligned",
 )  # fmt: skip
 QUICK = ("psnr", "psnr_aligned", "psnr_linear", "ssim", "ssim_whole", "flip")
-FILM = ("psnr_frames", "tpsnr_diff", "tpsnr_warp", "ppl", "tlp")
+VIDEO = ("psnr_frames", "tpsnr_diff", "tpsnr_warp", "ppl", "tlp")
 MATERIAL = ("rmse", "bias", "constant_rmse", "auc", "spearman", "ause")
 FLOW = ("epe", "occlusion_precision", "occlusion_recall")
 
 
 @dataclass(frozen=True)
 class Table:
-    """Texts of a table, and the definitions that belong beside it.
+    """Texts of a table, and the definitions of its columns and rows.
 
     Attributes:
         title: heading.
         header: column titles.
         lines: rows of texts.
-        notes: definitions, one a line.
+        notes: definitions, one per line.
     """
 
     title: str
@@ -52,11 +52,11 @@ def tables(document: Mapping[str, Any]) -> tuple[Table, ...]:
             _rows(
                 document, "table", "Accuracy in linear light, and with each channel scaled to the truth", ALIGNED, False
             ),
-            _rows(document, "ladder", "The ladder of relighting, mean ± std over object x map", QUICK),
-            _film(document),
+            _rows(document, "ablation", "Relighting term by term, mean ± std over object x map", QUICK),
+            _video(document),
             _materials(document),
             _flow(document),
-            _remains(document),
+            _unmodelled(document),
             _scaling(document),
         )
         if table.lines
@@ -75,12 +75,12 @@ def as_markdown(document: Mapping[str, Any]) -> str:
 
 
 def title(document: Mapping[str, Any]) -> str:
-    """Name of the set; the folder's place says nothing to a reader."""
+    """Name of the set: the last part of the folder's path."""
     return Path(document.get("folder", "a set")).name
 
 
 def headline(document: Mapping[str, Any]) -> str:
-    """What was measured and which stage has the largest error, in a few sentences."""
+    """A few sentences: what was measured, and which stage has the largest error."""
     shots = document["shots"]
     cells = sum(len(shot["maps"]) for shot in shots)
     sizes = sorted({f"{shot['width']}x{shot['height']}" for shot in shots})
@@ -115,7 +115,7 @@ def _notes(metrics: Sequence[str]) -> tuple[str, ...]:
 
 
 def _rows(document: Mapping[str, Any], group: str, title: str, wanted: Sequence[str], explained: bool = True) -> Table:
-    """Rows of a group; those that could not be measured say why, where `explained`, with every row's definition."""
+    """Table of a group of rows. `explained`: with every row's definition, and why a row could not be measured."""
     rows = [row for row in document["rows"] if row["group"] == group]
     metrics = [m for m in wanted if any(row["values"].get(m, {}).get("n") for row in rows)]
     lines, notes = [], []
@@ -184,21 +184,21 @@ def _separation(document: Mapping[str, Any]) -> Table:
     )
 
 
-def _film(document: Mapping[str, Any]) -> Table:
+def _video(document: Mapping[str, Any]) -> Table:
     titles = {"unregularised": "without temporal regularisation", "full": "Full", "truth": "the truth itself"}
-    mean = document["film"]["mean"]
-    metrics = [m for m in FILM if any(m in mean[row] for row in titles)]
+    mean = document["video"]["mean"]
+    metrics = [m for m in VIDEO if any(m in mean[row] for row in titles)]
     lines = [
         (
             title,
-            " / ".join(f"{v}" for v in PAPER_FILM.get(row, {}).values()) or "-",
+            " / ".join(f"{v}" for v in PAPER_VIDEO.get(row, {}).values()) or "-",
             *(number(m, mean[row].get(m)) for m in metrics),
         )
         for row, title in titles.items()
         if mean[row]
     ]
     note = "The paper defines neither its tPSNR nor the network of its PPL: its column is not comparable in value"
-    return Table("Films", ("row", "paper: tPSNR / PPL", *_titles(metrics)), tuple(lines), (*_notes(metrics), note))
+    return Table("Videos", ("row", "paper: tPSNR / PPL", *_titles(metrics)), tuple(lines), (*_notes(metrics), note))
 
 
 def _materials(document: Mapping[str, Any]) -> Table:
@@ -219,8 +219,8 @@ def _flow(document: Mapping[str, Any]) -> Table:
     return Table("Flow, mean ± std over shots", ("", *_titles(FLOW)), tuple(lines), (*_notes(FLOW), seen))
 
 
-def _remains(document: Mapping[str, Any]) -> Table:
-    found = document.get("remains") or []
+def _unmodelled(document: Mapping[str, Any]) -> Table:
+    found = document.get("unmodelled") or []
     lines = [
         (
             one["effect"],
@@ -240,11 +240,11 @@ def _remains(document: Mapping[str, Any]) -> Table:
     )
     notes = dict.fromkeys(one["definition"] for one in found)
     share = "Share: of ours' mean squared error that would go with the effect (for bounces at most). Display values"
-    return Table("What remains", head, tuple(lines), (*notes, share))
+    return Table("Effects that are not modelled", head, tuple(lines), (*notes, share))
 
 
 def _scaling(document: Mapping[str, Any]) -> Table:
-    """What tests/benchmarks/evaluation_scaling.py has measured."""
+    """The measurements of tests/benchmarks/evaluation_scaling.py."""
     found = document.get("scaling") or {"stages": {}, "lengths": {}}
     sizes = dict.fromkeys(size for stage in found["stages"].values() for size in stage)
     lines = [
@@ -252,7 +252,7 @@ def _scaling(document: Mapping[str, Any]) -> Table:
     ]
     lengths = "; ".join(f"{n} frames {_cost(one)}" for n, one in found["lengths"].items())
     notes = (
-        "Processor seconds a frame on one core / peak memory in GB of a process that runs the stage alone",
+        "Processor seconds per frame on one core / peak memory in GB of a process that runs the stage alone",
         f"Materials read, flow and chunked solve of a whole shot at 240x135: {lengths or 'not measured'}",
     )
     return Table("Time and memory", ("stage", *sizes), tuple(lines), notes)

@@ -23,7 +23,7 @@ class SubjectTask(TaskRecord):
 
 
 @dataclass(frozen=True)
-class ExactTask(SubjectTask):
+class TrueSolveTask(SubjectTask):
     """Solves the true materials.
 
     Attributes:
@@ -71,7 +71,7 @@ class SearchTask(MapTask):
 
 @dataclass(frozen=True)
 class BouncesTask(MapTask):
-    """Measures what each further bounce is worth.
+    """Measures the contribution of further bounces.
 
     Attributes:
         shot: as in `SearchTask`.

@@ -8,21 +8,21 @@ from typing import Any
 from yesnt.core.shot import Job
 from yesnt.core.threads import pin_threads
 from yesnt.measure.evaluation import task_records as records
-from yesnt.measure.evaluation.remains import bounces
-from yesnt.measure.evaluation.scorer import judge, search
-from yesnt.measure.evaluation.sequence_tasks import exact, film, material
+from yesnt.measure.evaluation.bounce_task import bounces
+from yesnt.measure.evaluation.scorer import score_rows, search
+from yesnt.measure.evaluation.sequence_tasks import material, solve_true, video
 from yesnt.planning.graph import Node
 from yesnt.planning.task_records import TaskRecord
 from yesnt.tasks.run import run_node
 from yesnt.tasks.workspace import Workspace
 
 TASKS: dict[type[TaskRecord], Callable[[Workspace[Any]], None]] = {
-    records.ExactTask: exact,
+    records.TrueSolveTask: solve_true,
     records.MaterialTask: material,
     records.SearchTask: search,
-    records.ScoreTask: judge,
+    records.ScoreTask: score_rows,
     records.BouncesTask: bounces,
-    records.VideoTask: film,
+    records.VideoTask: video,
 }
 """The function that runs each kind of task of the evaluation."""
 

@@ -1,4 +1,4 @@
-"""Which settings to take: pure arithmetic on what was measured."""
+"""Chooses settings from the measured points: the frontier of each stage, and the cheapest combination."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from yesnt.measure.trade.variants import STAGES
 
 @dataclass(frozen=True)
 class Point:
-    """What one setting of one stage costs.
+    """Cost and error of one setting of one stage.
 
     Attributes:
-        stage: its stage.
-        name: of the setting.
-        seconds: processor seconds a frame.
+        stage: name of the stage.
+        name: label of the setting.
+        seconds: processor seconds per frame.
         error: root mean square display difference of the relit frame from the one under the stage's reference.
-        evaluations: of the network, a frame.
+        evaluations: network evaluations (NFE) per frame.
     """
 
     stage: str
@@ -31,7 +31,7 @@ class Point:
 
 @dataclass(frozen=True)
 class Choice:
-    """One setting a stage; errors of stages are taken to be independent, so their squares add."""
+    """One setting per stage; errors of stages are assumed to be independent, so their squares add."""
 
     names: dict[str, str]
     seconds: float
@@ -39,7 +39,7 @@ class Choice:
 
 
 def frontier(points: Sequence[Point]) -> list[Point]:
-    """The points that no other beats in both seconds and error, cheapest first."""
+    """The Pareto frontier: points that no other beats in both seconds and error, cheapest first."""
     best, found = math.inf, []
     for point in sorted(points, key=lambda p: (p.seconds, p.error)):
         if point.error < best:
@@ -49,7 +49,7 @@ def frontier(points: Sequence[Point]) -> list[Point]:
 
 
 def combinations(points: Sequence[Point]) -> list[Choice]:
-    """Every way to take one point of each stage's frontier, cheapest first."""
+    """Every combination of one point of each stage's frontier, cheapest first."""
     fronts = [frontier([p for p in points if p.stage == stage]) for stage in STAGES]
     ways = (
         Choice(
@@ -61,7 +61,7 @@ def combinations(points: Sequence[Point]) -> list[Choice]:
 
 
 def cheapest(points: Sequence[Point], error: float | None, seconds: float | None) -> Choice | None:
-    """The cheapest settings within an error; or, given seconds, the most accurate within them; None if none is."""
+    """The cheapest settings within an error or, given seconds, the most accurate within them; None if there is none."""
     ways = combinations(points)
     if seconds is not None:
         within = [way for way in ways if way.seconds <= seconds and (error is None or way.error <= error)]

@@ -1,4 +1,4 @@
-"""A few frames of a shot held in memory, so that one stage after another can be tried with other settings."""
+"""Runs single stages on a few frames of a shot in memory, with other settings than the shot's."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Float32 = NDArray[np.float32]
 
 @dataclass
 class Spent:
-    """Processor seconds of one stage, and evaluations of the network."""
+    """Processor seconds of one stage, and network evaluations (NFE)."""
 
     seconds: float = 0.0
     evaluations: int = 0
@@ -48,12 +48,12 @@ class Spent:
 
 
 @dataclass
-class Lab:
-    """The kernels of every stage on some frames in a row.
+class Harness:
+    """The kernels of every stage on some consecutive frames.
 
     Attributes:
         session: the shot.
-        frames: their numbers.
+        frames: frame numbers.
     """
 
     session: Session
@@ -72,7 +72,7 @@ class Lab:
         return np.stack([plate.matte > 0.5 for plate in self.plates])
 
     def links(self, method: str) -> tuple[list[Link], Spent]:
-        """Flow from each frame to the next; found once a method."""
+        """Flow from each frame to the next; computed once per method."""
         if method not in self._flows:
             spent, links = Spent(), []
             for now, then in zip(self.plates, self.plates[1:], strict=False):
@@ -89,7 +89,7 @@ class Lab:
         return self._flows[method]
 
     def observe(self, settings: EnsembleSettings, knobs: dict[str, Any], method: str) -> tuple[Float32, Float32, Spent]:
-        """Mean and deviation [2, T, H, W] of the members, keyframes first, then the frames between."""
+        """Mean and standard deviation [2, T, H, W] of the members; keyframes first, then the frames between."""
         from yesnt.decompose.ensemble import Estimate, estimate_frame
 
         backend, spent = self._backend(knobs), Spent()
@@ -114,7 +114,7 @@ class Lab:
         return mean, std, spent
 
     def fuse(self, mean: Float32, std: Float32, method: str, tolerance: float) -> tuple[Float32, Spent]:
-        """The temporal solve [2, T, H, W] of what was observed, with the shot's own energy."""
+        """The temporal solve [2, T, H, W] of the observation, with the shot's own energy."""
         shot, spent = self.session.job.shot, Spent()
         links = self.links(method)[0]
         flow, validity = np.stack([link.flow for link in links]), np.stack([link.validity for link in links])

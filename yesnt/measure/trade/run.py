@@ -1,4 +1,4 @@
-"""Measures the settings one at a time against the reference, and writes the curve."""
+"""Measures each setting against its stage's reference, and writes the curve of seconds against error."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from yesnt.core.errors import UsageError
 from yesnt.io.durable import write_bytes, write_json
 from yesnt.measure.trade.choose import Point, cheapest
-from yesnt.measure.trade.harness import Lab, Spent
+from yesnt.measure.trade.harness import Harness, Spent
 from yesnt.measure.trade.plot import plot_svg
 from yesnt.measure.trade.variants import Variant, variants
 from yesnt.runtime.session import Session
@@ -22,12 +22,12 @@ Listener = Callable[[str], None]
 
 @dataclass(frozen=True)
 class TradeOptions:
-    """What is asked.
+    """Options of `yesnt trade`.
 
     Attributes:
-        frames: frames in a row, from the middle of the shot, that are tried; at least 2.
-        error: largest error that is good enough.
-        seconds: most processor seconds a frame.
+        frames: number of consecutive frames, from the middle of the shot; at least 2.
+        error: largest acceptable error.
+        seconds: largest acceptable processor seconds per frame.
     """
 
     frames: int = 6
@@ -36,35 +36,35 @@ class TradeOptions:
 
 
 def run_trade(session: Session, options: TradeOptions, listen: Listener = lambda line: None) -> dict[str, Any]:
-    """Tries every variant; writes `trade.json` and `trade.svg` into the run folder; returns the document.
+    """Measures every variant; writes `trade.json` and `trade.svg` into the run folder; returns the document.
 
     Error is the root mean square difference, display-referred and inside the matte, between the middle frame relit with
     the variant and with the stage's reference, all other stages alike. Seconds are of this processor, one thread.
 
     Raises:
-        UsageError: the shot reads its passes, or has too few frames.
+        UsageError: the shot reads its materials from passes, or has too few frames.
     """
     import torch
 
     torch.set_num_threads(1)
-    lab = Lab(session, _middle(session, options.frames))
+    harness = Harness(session, _middle(session, options.frames))
     steps = (1, 2, 4) if session.job.shot.decompose.backend == "embedded" else ()
     points, tried = [], variants(steps)
     base = next(v for v in tried if v.stage == "decompose")
-    measure = _Bench(lab, base)
+    measure = _Bench(harness, base)
     for stage in dict.fromkeys(v.stage for v in tried):
         of_stage = [v for v in tried if v.stage == stage]
         reference, cost = measure(of_stage[-1])
-        points.append(_point(of_stage[-1], cost, 0.0, len(lab.frames)))
+        points.append(_point(of_stage[-1], cost, 0.0, len(harness.frames)))
         for variant in of_stage[:-1]:
             shown, cost = measure(variant)
             error = float(np.sqrt(np.mean((shown - reference) ** 2, dtype=np.float64)))
-            points.append(_point(variant, cost, error, len(lab.frames)))
-            listen(f"{stage}: {variant.name}: {points[-1].seconds:.2f} s a frame, error {error:.5f}")
+            points.append(_point(variant, cost, error, len(harness.frames)))
+            listen(f"{stage}: {variant.name}: {points[-1].seconds:.2f} s per frame, error {error:.5f}")
     choice = cheapest(points, options.error, options.seconds)
     jobs = {(v.stage, v.name): v.job for v in tried}
     document = {
-        "frames": list(lab.frames),
+        "frames": list(harness.frames),
         "points": [asdict(point) for point in points],
         "asked": {"error": options.error, "seconds_per_frame": options.seconds},
         "choice": None if choice is None else asdict(choice),
@@ -78,24 +78,24 @@ def run_trade(session: Session, options: TradeOptions, listen: Listener = lambda
 
 
 class _Bench:
-    """Runs a variant; what the other stages do is done once."""
+    """Runs a variant; results of the other stages are cached."""
 
-    def __init__(self, lab: Lab, base: Variant) -> None:
-        self._lab, self._base = lab, base
+    def __init__(self, harness: Harness, base: Variant) -> None:
+        self._harness, self._base = harness, base
         self._observed: dict[str, Any] = {}
 
     def __call__(self, variant: Variant) -> tuple[np.ndarray, Spent]:
-        """The middle frame under a variant, and what its stage cost for all frames."""
-        lab, base = self._lab, self._base
+        """The middle frame under a variant, and the cost of its stage for all frames."""
+        harness, base = self._harness, self._base
         own = variant if variant.stage == "decompose" else base
         if own.name not in self._observed:
             self._observed = {base.name: self._observed.get(base.name)} if base.name in self._observed else {}
-            self._observed[own.name] = lab.observe(own.ensemble, own.knobs, base.method)
+            self._observed[own.name] = harness.observe(own.ensemble, own.knobs, base.method)
         mean, std, drawn = self._observed[own.name]
-        fused, solved = lab.fuse(mean, std, variant.method, variant.tolerance)
-        shown, relit = lab.shown(fused, variant.quality)
-        relit.seconds *= len(lab.frames)  # one frame was relit
-        costs = {"decompose": drawn, "flow": lab.links(variant.method)[1], "solve": solved, "relight": relit}
+        fused, solved = harness.fuse(mean, std, variant.method, variant.tolerance)
+        shown, relit = harness.shown(fused, variant.quality)
+        relit.seconds *= len(harness.frames)  # one frame was relit
+        costs = {"decompose": drawn, "flow": harness.links(variant.method)[1], "solve": solved, "relight": relit}
         return shown, costs[variant.stage]
 
 
@@ -123,7 +123,7 @@ def _merged(documents: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def read_trade(run: Path) -> dict[str, Any] | None:
-    """What an earlier `yesnt trade` measured; None if there was none."""
+    """The document of an earlier `yesnt trade`; None if there is none."""
     import json
 
     path = run / "trade.json"

@@ -1,4 +1,4 @@
-"""The settings that are tried, stage by stage; the last of each stage is its reference."""
+"""The settings that are measured, stage by stage; the last one of each stage is its reference."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ class Variant:
 
     Attributes:
         stage: decompose, flow, solve or relight.
-        name: in words.
-        job: what it is in a job file, as a document to merge.
+        name: label in tables and plots.
+        job: the same setting as keys of a job file, to be merged into it.
         ensemble: of decompose variants.
         knobs: of the backend, for decompose variants.
         method: of flow variants.
@@ -37,7 +37,7 @@ STAGES = ("decompose", "flow", "solve", "relight")
 
 
 def variants(steps: tuple[int, ...]) -> list[Variant]:
-    """Everything that is tried; `steps` are the backend's sampling steps, empty if it is left at its own."""
+    """All variants; `steps` are the backend's sampling steps to try, empty to keep its default."""
     return [*_decompose(steps), *_flow(), *_solve(), *_relight()]
 
 

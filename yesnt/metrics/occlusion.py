@@ -1,4 +1,4 @@
-"""Which points of a frame the next frame truly shows, from true flow and true depth."""
+"""True visibility of a frame's points in the next frame, from true flow and true planar depth."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from numpy.typing import NDArray
 Mask = NDArray[np.bool_]
 
 DEPTH_STEP = 0.03
-"""Share of its depth that a point may move towards or away from the camera in one frame and still be the same point."""
+"""Largest relative change of z from one frame to the next at which a pixel still shows the same point."""
 
 
-def truly_seen(
+def visible_in_next(
     flow: NDArray[np.floating], z: NDArray[np.floating], next_z: NDArray[np.floating], matte: Mask, next_matte: Mask
 ) -> Mask:
     """Where a point of this frame is visible in the next one, [H, W].
 
-    A point is seen if p + flow lies in the frame and one of the four pixels around it belongs to the next matte and is
-    as deep as the point to `DEPTH_STEP`. Anything nearer hides it.
+    A point is visible if p + flow lies in the frame and one of the four pixels around it belongs to the next matte and
+    has the same z to `DEPTH_STEP`. Anything nearer occludes it.
 
     Args:
         flow: [H, W, 2] true flow in pixels.

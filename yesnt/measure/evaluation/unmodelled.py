@@ -1,9 +1,8 @@
-"""What the product does not model, and how much of the error it is: further bounces, and variants of a subject."""
+"""Effects that relighting does not model, and their share of the error: further bounces, and variants of a subject."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,44 +10,17 @@ import numpy as np
 from yesnt.core.color import srgb_encode
 from yesnt.core.stage_id import StageId
 from yesnt.measure.evaluation.plan import EvalPlan
-from yesnt.measure.evaluation.rows import ROWS, Row
-from yesnt.measure.evaluation.scene import SceneKey, open_scene
-from yesnt.measure.evaluation.task_records import BouncesTask
 from yesnt.metrics.image import mean_squared_error
-from yesnt.metrics.score import Truth
-from yesnt.tasks.workspace import Workspace
 
 VARIANT = "+"
-"""Between a subject and an effect in the name of a shot: `bust+hair` is `bust` with hair."""
+"""Separates subject and effect in the name of a shot: `bust+hair` is `bust` with hair."""
+
+Cells = Mapping[str, Mapping[str, Mapping[str, float]]]
+"""Row -> "shot / map" -> metric -> value."""
 
 
-def bounces(space: Workspace[BouncesTask]) -> None:
-    """Squared display errors of truths that end early, and of ours with as many bounces, against the whole truth."""
-    subject, name, frame = space.task.subject, space.task.map, space.frame
-    scene = open_scene(SceneKey(space.task.shot, frame, 1, space.job))
-    radiance, opacity = subject.read_relit(name, frame)
-    truth = Truth.of(radiance, opacity, scene.plate.matte)
-    material, whole = subject.read_material(frame, scene.plate.matte), srgb_encode(truth.radiance)
-    facts = {}
-    with space.kernel():
-        for number in subject.early_paths(name, frame):
-            early = subject.read_relit(name, frame, f"bounces{number}_")[0]
-            row = _with_bounces(number)
-            ours = scene.relit(row, material.planes, subject.env_path(name))
-            facts[str(number)] = {
-                "effect": mean_squared_error(srgb_encode(early), whole, truth.inside),
-                "ours": mean_squared_error(srgb_encode(ours), whole, truth.inside),
-                "ours_alike": mean_squared_error(srgb_encode(ours), srgb_encode(early), truth.inside),
-            }
-    space.commit(frame, {}, facts={"bounces": facts})
-
-
-def _with_bounces(number: int) -> Row:
-    return replace(ROWS["full_true"], knobs={"bounce": number})
-
-
-def remains(plans: Sequence[EvalPlan], cells: Mapping[str, Mapping[str, Mapping[str, float]]]) -> list[dict[str, Any]]:
-    """One line an effect: RMSE of the effect itself, and of ours where the truth has it and where it has not."""
+def unmodelled_effects(plans: Sequence[EvalPlan], cells: Cells) -> list[dict[str, Any]]:
+    """One line per effect: RMSE of the effect itself, and of ours against truths with and without it."""
     lines = list(_bounce_lines(plans))
     names = {plan.subject.name: plan for plan in plans}
     effects = sorted({name.split(VARIANT)[1] for name in names if VARIANT in name})
@@ -60,7 +32,7 @@ def _bounce_lines(plans: Sequence[EvalPlan]) -> Iterator[dict[str, Any]]:
         record.facts["bounces"]
         for plan in plans
         for name, _ in plan.subject.maps
-        if (record := plan.session.book.find(StageId("bounces", part=name), plan.shown(name))) is not None
+        if (record := plan.session.book.find(StageId("bounces", part=name), plan.page_frame(name))) is not None
     ]
     for number in sorted({int(n) for one in facts for n in one}):
         mean = {k: float(np.mean([one[str(number)][k] for one in facts if str(number) in one])) for k in _KINDS}
@@ -75,9 +47,7 @@ def _bounce_lines(plans: Sequence[EvalPlan]) -> Iterator[dict[str, Any]]:
 _KINDS = ("effect", "ours", "ours_alike")
 
 
-def _variant_line(
-    effect: str, plans: Mapping[str, EvalPlan], cells: Mapping[str, Mapping[str, Mapping[str, float]]]
-) -> dict[str, Any] | None:
+def _variant_line(effect: str, plans: Mapping[str, EvalPlan], cells: Cells) -> dict[str, Any] | None:
     scored = cells.get("full_true", {})
     pairs = [
         (plan, plans[base], name)
@@ -99,7 +69,7 @@ def _variant_line(
 
 def _difference(one: EvalPlan, other: EvalPlan, name: str) -> float:
     """Mean squared display difference of two truths inside both mattes."""
-    (a, a_cover), (b, b_cover) = (plan.subject.read_relit(name, plan.shown(name)) for plan in (one, other))
+    (a, a_cover), (b, b_cover) = (plan.subject.read_relit(name, plan.page_frame(name)) for plan in (one, other))
     return mean_squared_error(srgb_encode(a), srgb_encode(b), np.minimum(a_cover, b_cover) > 0.99)
 
 

@@ -403,3 +403,12 @@ def test_backends_page_lists_every_backend_with_its_knobs_and_defaults() -> None
     for name, entry in ENTRIES.items():
         knobs = {knob: str(spec.default).lower() for knob, spec in entry.knobs.items()}
         assert dict(re.findall(r"(\w+) \((\w*)\)", rows[name])) == knobs, name
+
+
+def test_stage_page_lists_every_set_of_the_capture_stage() -> None:
+    from yesnt.capture_stage.jobs import SETS
+
+    named = set(
+        re.findall(r"`([a-z]+)`", " ".join(re.findall(r"^\| (.*?) \|", section("docs/stage.md", "Sets"), re.M)))
+    )
+    assert named == set(SETS)

@@ -13,7 +13,7 @@ class FakeBackend:
     align = 1
     batch = 4
     noise_sigmas = (0.0, 6.0)
-    nfe = 1
+    nfe = 3
 
     def __init__(self, noise_gain=0.1, batch=4, patch=32):
         self.noise_gain, self.batch, self.patch = noise_gain, batch, patch

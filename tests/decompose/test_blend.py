@@ -27,6 +27,11 @@ def test_aligned_grids_cover_and_stay_aligned(length):
     assert tops[-1] + 96 == grid.height
 
 
+def test_an_overlap_between_two_aligned_ones_is_rounded_up():
+    tops = sorted({patch.top for patch in PatchGrid.cover(1000, 96, 96, 0.3, align=8).patches})
+    assert max(b - a for a, b in pairwise(tops)) <= 96 - 0.3 * 96
+
+
 def test_patch_must_be_aligned():
     with pytest.raises(ValueError, match="multiple of 8"):
         PatchGrid.cover(100, 100, 90, 0.25, align=8)

@@ -142,9 +142,49 @@ def test_sampling_stops_where_the_mean_has_converged(fake, picture):
     fixed = estimate_frame(certain, matte, HalfCertain(), EnsembleSettings(16), 0, 1)
     adaptive = estimate_frame(certain, matte, HalfCertain(), EnsembleSettings(16, tolerance=0.004), 0, 1)
     assert adaptive.total_nfe < 0.8 * fixed.total_nfe
-    assert adaptive.nfe[:, :5].max() == pytest.approx(2)
-    assert adaptive.nfe.max() == pytest.approx(16)
+    assert adaptive.nfe[:, :5].max() == pytest.approx(2 * 3)
+    assert adaptive.nfe.max() == pytest.approx(16 * 3)
     np.testing.assert_allclose(adaptive.mean[0], fixed.mean[0], atol=0.1)
+
+
+def test_evaluations_are_counted_per_pixel_and_in_all(fake):
+    """One patch, five members of three evaluations each."""
+    rgb, matte = np.full((32, 32, 3), 0.5, np.float32), np.ones((32, 32), np.float32)
+    estimate = estimate_frame(rgb, matte, fake(), EnsembleSettings(5), 0, 1)
+    np.testing.assert_allclose(estimate.nfe, 15, rtol=1e-6)
+    assert estimate.total_nfe == 15
+
+
+def test_members_are_clipped_before_they_are_averaged(fake, picture):
+    rgb, matte = picture
+    mean, std = decompose_frame(rgb, matte, fake(2.0), EnsembleSettings(5, antithetic=False), 3, 1001)
+    expected_mean, expected_std = reference(rgb, matte, 2.0, 5, (3, 1001))
+    inside = matte > 0
+    np.testing.assert_allclose(mean[0][inside], expected_mean[inside], atol=1e-6)
+    np.testing.assert_allclose(std[0][inside], expected_std[inside], atol=2e-6)
+
+
+def test_only_the_error_inside_the_matte_keeps_a_patch_active(fake, picture):
+    class NoisyOutside(fake):
+        def sample(self, condition, noise):
+            return super().sample(condition, noise * (condition[:, 1:] == 0))
+
+    estimate = estimate_frame(*picture, NoisyOutside(0.3), EnsembleSettings(16, tolerance=0.01), 0, 1)
+    assert estimate.nfe.max() == pytest.approx(2 * 3)
+
+
+def test_the_mean_is_predicted_once_per_patch_however_many_blocks_of_members(fake, picture, monkeypatch):
+    calls = []
+
+    class Knowing(fake):
+        def predict_mean(self, condition):
+            calls.append(len(condition))
+            return condition
+
+    backend = Knowing()
+    monkeypatch.setattr(ensemble, "_MEMORY_FOR_MEMBERS", 1)
+    estimate_frame(*picture, backend, EnsembleSettings(4), 0, 1)
+    assert len(calls) == backend.sampled / 4
 
 
 def test_rounds_double():

@@ -53,6 +53,32 @@ def test_the_context_image_keeps_straight_colours_at_any_size(scale):
     assert middle[3] == pytest.approx(1)
 
 
+def test_the_square_leaves_a_margin_of_eight_percent():
+    matte = np.zeros((300, 300), np.float32)
+    matte[50:250, 100:150] = 1
+    assert Square.around(matte) == Square(42, 17, 216)
+
+
+def test_minification_averages_areas_and_magnification_is_bilinear():
+    board = (np.indices((192, 192)).sum(0) % 2).astype(np.float32)[None]
+    small = Square(0, 0, 192).resample(board, 96)
+    np.testing.assert_allclose(small, 0.5, atol=1e-6)
+    ramp = np.broadcast_to(np.arange(48, dtype=np.float32), (48, 48))[None]
+    np.testing.assert_allclose(Square(0, 0, 48).resample(ramp, 96)[0, 40, 1:-1], np.arange(1, 95) / 2 - 0.25, atol=1e-5)
+
+
+def test_a_soft_edge_does_not_darken_or_tint_the_context_image():
+    """Straight colours are averaged with their coverage: a red body with a half-covered, wrongly blue edge."""
+    matte = np.full((192, 192), 1.0, np.float32)
+    rgb = np.zeros((3, 192, 192), np.float32)
+    rgb[0], matte[:, 1::2] = 1, 0.25
+    rgb[:, :, 1::2] = np.array([0, 0, 1], np.float32)[:, None, None]
+    small = context_image(rgb, matte, Square(0, 0, 192))
+    np.testing.assert_allclose(small[3], 0.625, atol=1e-6)
+    np.testing.assert_allclose(small[0], 0.8, atol=1e-5)
+    np.testing.assert_allclose(small[2], 0.2, atol=1e-5)
+
+
 def test_features_are_sampled_at_the_location_of_the_patch():
     """Sampling the context image's own coordinates at a patch gives the patch's coordinates, for any two patches."""
     _, matte = _subject()
@@ -68,6 +94,9 @@ def test_features_are_sampled_at_the_location_of_the_patch():
 
 
 def test_beyond_the_square_the_nearest_feature_is_used():
-    features = torch.arange(4.0).reshape(1, 1, 2, 2)
-    sampled = sample_at_patch(features, torch.tensor([[-3.0, -3.0, 1.0]]), 2)
-    assert (sampled == 0).all()
+    features = 1 + torch.arange(4.0).reshape(1, 1, 2, 2)
+    before, beyond = sample_at_patch(
+        features.expand(2, -1, -1, -1), torch.tensor([[-3.0, -3.0, 1.0], [3.0, 3.0, 1.0]]), 2
+    )
+    assert (before == 1).all()
+    assert (beyond == 4).all()

@@ -5,7 +5,7 @@ import pytest
 
 from yesnt.decompose.ensemble import estimate_frame
 from yesnt.decompose.reuse import Link, Prior, combine, propagate_keyframe
-from yesnt.decompose.settings import EnsembleSettings, keyframe_after
+from yesnt.decompose.settings import EnsembleSettings, keyframe_after, keyframes_taken
 
 SETTINGS = EnsembleSettings(4)
 
@@ -104,6 +104,38 @@ def test_only_patches_that_the_keyframe_does_not_cover_are_drawn(fake):
     np.testing.assert_allclose(partial.mean[:, :, 120:], whole.mean[:, :, 120:], atol=1e-6)
     everything = Prior(prior.mean, prior.std, np.ones_like(known))
     assert estimate_frame(rgb, matte, fake(), SETTINGS, 0, 1, everything).total_nfe == 0
+
+
+def test_a_patch_is_drawn_if_less_than_the_given_fraction_is_covered(fake):
+    rgb, matte = np.full((32, 32, 3), 0.5, np.float32), np.ones((32, 32), np.float32)
+    known = np.arange(32)[None] < 16
+    prior = Prior(np.full((2, 32, 32), 0.9, np.float32), np.zeros((2, 32, 32), np.float32), known.repeat(32, 0))
+    spent = {
+        share: estimate_frame(rgb, matte, fake(), EnsembleSettings(4, reuse_share=share), 0, 1, prior).total_nfe
+        for share in (0.4, 0.5, 0.6)
+    }
+    assert spent == {0.4: 0, 0.5: 0, 0.6: 4 * 3}
+
+
+@pytest.mark.parametrize("tolerance", [0.0, 1e-9])
+def test_a_patch_that_is_drawn_takes_nothing_from_the_keyframe(fake, tolerance):
+    """Also where the keyframe is known: a single patch has weight 1 everywhere, whatever the number of rounds."""
+    rgb, matte = np.full((32, 32, 3), 0.5, np.float32), np.ones((32, 32), np.float32)
+    settings = EnsembleSettings(4, tolerance=tolerance)
+    known = (np.arange(32)[None] < 16).repeat(32, 0)
+    prior = Prior(np.full((2, 32, 32), 0.9, np.float32), np.zeros((2, 32, 32), np.float32), known)
+    alone, reused = (estimate_frame(rgb, matte, fake(), settings, 0, 1, p) for p in (None, prior))
+    np.testing.assert_allclose(reused.mean, alone.mean, atol=1e-6)
+    np.testing.assert_allclose(reused.std, alone.std, atol=1e-6)
+
+
+def test_frames_that_cannot_reach_their_keyframe_are_drawn_in_full():
+    frames = range(1001, 1009)
+    assert keyframes_taken(frames, 3, set(), set()) == {1002: 1004, 1003: 1004, 1005: 1007, 1006: 1007}
+    assert keyframes_taken(frames, 3, {1004}, set()) == {1005: 1007, 1006: 1007}, "the keyframe is dead"
+    assert keyframes_taken(frames, 3, {1002}, set()) == {1003: 1004, 1005: 1007, 1006: 1007}, "a dead frame takes none"
+    assert keyframes_taken(frames, 3, set(), {1003}) == {1005: 1007, 1006: 1007}, "no flow on the way"
+    assert keyframes_taken(frames, 3, set(), {1004}) == keyframes_taken(frames, 3, set(), set()), "not on the way"
 
 
 def test_the_soft_edge_of_the_matte_costs_no_draw(fake):

@@ -19,18 +19,46 @@ SHOT = Path(__file__).parents[2] / "yesnt" / "data" / "shot"
 
 
 @pytest.fixture(scope="module")
-def evaluated():
-    """Truth, mean and std [2, n] inside the matte of a middle frame."""
+def frame():
+    """Number, straight rgb, matte and ground truth [H, W, 2] of a middle frame."""
     plates = sorted(SHOT.rglob("plate.*.exr"))
     path = plates[len(plates) // 2]
     number = path.name.split(".")[1]
     plate = read_image(path).stack("RGBA")
     (material,) = SHOT.rglob(f"material.{number}.exr")
     truth = read_image(material).stack(["roughness.Y", "metallic.Y"])
-    rgb, matte = straighten(plate[..., :3], plate[..., 3]), plate[..., 3]
-    estimate = estimate_frame(rgb, matte, EmbeddedBackend(), EnsembleSettings(8), 0, int(number))
+    return int(number), straighten(plate[..., :3], plate[..., 3]), plate[..., 3], truth
+
+
+@pytest.fixture(scope="module")
+def estimate(frame):
+    number, rgb, matte, _ = frame
+    return estimate_frame(rgb, matte, EmbeddedBackend(), EnsembleSettings(8), 0, number)
+
+
+@pytest.fixture(scope="module")
+def evaluated(frame, estimate):
+    """Truth, mean and std [2, n] inside the matte."""
+    _, _, matte, truth = frame
     inside = matte > 0.99
     return truth[inside].T, estimate.mean[:, inside], estimate.std[:, inside]
+
+
+def test_weights_and_code_belong_together(estimate, evaluated):
+    """Values recorded with these weights: a change of any layer, input feature or sampling step shows here."""
+    _, mean, std = evaluated
+    np.testing.assert_allclose(mean.mean(1), [0.60873, 0.10674], atol=2e-4)
+    np.testing.assert_allclose(std.mean(1), [0.16205, 0.07636], atol=2e-4)
+    recorded = {
+        (26, 121): (0.4965, 0.0162, 0.0966, 0.0452),
+        (47, 140): (0.4833, 0.0206, 0.1218, 0.0310),
+        (74, 146): (0.4767, 0.0062, 0.1737, 0.0083),
+        (86, 102): (0.4803, 0.3661, 0.2125, 0.3310),
+        (94, 86): (0.5354, 0.3774, 0.1745, 0.3557),
+    }
+    found = {(y, x): (*estimate.mean[:, y, x], *estimate.std[:, y, x]) for y, x in recorded}
+    for pixel, values in recorded.items():
+        np.testing.assert_allclose(found[pixel], values, atol=2e-3, err_msg=str(pixel))
 
 
 def test_weights_are_small():

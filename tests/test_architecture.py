@@ -15,9 +15,7 @@ from tests.source_tree import SourceTree
 
 TREE = SourceTree()
 
-OPEN: dict[str, tuple[str, ...]] = {
-    "archaic_phrases": (r"(runtime|workflows)\.",),
-}
+OPEN: dict[str, tuple[str, ...]] = {"archaic_phrases": (r"runtime\.(capture_stage_run|driver|input_checks)",)}
 """Offenders that are being mended, as patterns; an entry that nothing needs any more is removed."""
 
 

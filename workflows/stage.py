@@ -24,6 +24,6 @@ def stage_graph(set_names: Sequence[str], small: bool) -> Graph:
     for i, job in enumerate(jobs):
         base = first.get((BUILDS_ON.get(job.set_name, ""), job.subject))
         needs = () if base is None else ((RENDER, base),)
-        # A record is named by its job, so that a set keeps its records whichever sets are asked for beside it.
+        # A record is named by its job, so that a set keeps its records whichever other sets are rendered.
         nodes.append(Node(RENDER, i, (int(job.key[:12], 16),), {"job": job.key}, needs, RenderTask(job)))
     return Graph(nodes)

@@ -8,7 +8,7 @@ import numpy as np
 
 from tests.in_process import run_here, shard_digests
 from tests.tiny_shot import write_tiny_shot
-from yesnt.inspect.sampling_cost import forecast_evaluations
+from yesnt.inspect.sampling_cost import sampling_cost
 from yesnt.io.store import FrameStore
 from yesnt.planning.stages import DECOMPOSE, FLOW
 from yesnt.runtime.session import Missing, Session
@@ -24,7 +24,7 @@ def test_frames_between_need_their_keyframe_and_the_flow_to_it(tmp_path: Path) -
     assert graph.nodes[DECOMPOSE, 3].needs == ()
 
 
-def test_a_frame_that_cannot_reach_its_keyframe_is_drawn_in_full(tmp_path: Path) -> None:
+def test_a_frame_that_cannot_reach_its_keyframe_is_sampled_in_full(tmp_path: Path) -> None:
     session = Session(write_tiny_shot(tmp_path / "shot", 7, decompose=KEYFRAMED))
     assert session.plan(Missing({(FLOW, 1003): "lost"})).keyframes == {1005: 1007, 1006: 1007}
     assert session.plan(Missing({(DECOMPOSE, 1004): "lost"})).keyframes == {1005: 1007, 1006: 1007}
@@ -58,21 +58,21 @@ def test_a_subset_first_gives_the_bytes_of_a_whole_run_and_few_evaluations(tmp_p
 def test_the_plan_tells_how_many_evaluations_there_will_be(tmp_path: Path) -> None:
     path = write_tiny_shot(tmp_path / "shot", 4, decompose={**KEYFRAMED, "samples": 8})
     session = Session(path)
-    before = forecast_evaluations(session, session.graph())
+    before = sampling_cost(session, session.graph())
     assert before.fixed == before.most == 4 * 8, "one patch a frame, one step"
-    assert before.least == 2 * 8, "two keyframes; without a tolerance they draw all members"
+    assert before.least == 2 * 8, "two keyframes; without a tolerance they sample all members"
     assert before.least < before.expected <= before.most
     run_here(path, frames="1001")
-    after = forecast_evaluations(session, session.graph())
+    after = sampling_cost(session, session.graph())
     assert after.most == before.most - 8
     run_here(path)
-    assert forecast_evaluations(session, session.graph()).most == 0
+    assert sampling_cost(session, session.graph()).most == 0
 
 
-def test_a_backend_that_says_what_to_expect_stops_at_the_first_members_and_the_plan_knows(tmp_path: Path) -> None:
+def test_a_backend_that_predicts_the_mean_stops_at_the_first_members_and_the_plan_says_so(tmp_path: Path) -> None:
     path = write_tiny_shot(tmp_path, 2, decompose={"samples": 8, "knobs": {"tolerance": 0.02, "steps": 1}})
     session = Session(path)
-    before = forecast_evaluations(session, session.graph())
+    before = sampling_cost(session, session.graph())
     assert before.least == before.expected == before.most == 2 * 2
     run_here(path)
     assert sum(session.book.find("decompose", f).facts["nfe"] for f in session.job.frames) == 4

@@ -18,6 +18,7 @@ from yesnt.inspect.audit import states
 from yesnt.io import jobfile
 from yesnt.io.records import SharedSettings, digest_of, frame_key, key_of
 from yesnt.planning.keyed_settings import changed_fields, changed_keys, shared
+from yesnt.planning.stages import STAGES
 from yesnt.runtime.session import Session
 from yesnt.temporal import EnergyParams
 from yesnt.workflows.shot import shot_graph
@@ -101,6 +102,16 @@ def test_a_records_key_is_the_hash_of_its_fields_after_a_way_through_json() -> N
             keys[node.stage, frame] = node.frame_key(frame)
     solved = {key for (stage, _), key in keys.items() if stage.name == "solve"}
     assert len(solved) == sum(len(node.frames) for node in graph if node.stage.name == "solve"), "one for each frame"
+
+
+def test_a_frames_size_and_a_stages_version_are_in_every_key(monkeypatch: pytest.MonkeyPatch) -> None:
+    def found(size: tuple[int, int] = (64, 48)) -> set[str]:
+        return {node.key for node in shot_graph(long_plan(2, size))}
+
+    before = found()
+    assert not before & found((32, 48))
+    monkeypatch.setitem(STAGES, "decompose", dataclasses.replace(STAGES["decompose"], version=99))
+    assert len(before & found()) == 1, "only flow does not follow from the decomposition"
 
 
 def test_shared_settings_are_hashed_as_any_others() -> None:

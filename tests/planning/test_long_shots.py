@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import time
 import tracemalloc
+from pathlib import Path
 
 import pytest
 
 from tests.planning.long_shot import long_plan
+from tests.tiny_shot import write_tiny_shot
+from yesnt.inspect.audit import states
+from yesnt.inspect.forecast import forecast
 from yesnt.planning.graph import Graph
+from yesnt.planning.stages import DECOMPOSE
+from yesnt.runtime.session import Missing, Session
 from yesnt.workflows.shot import shot_graph
 
 SMALL, HD = (64, 48), (1920, 1080)
@@ -50,6 +56,19 @@ def test_bands_and_joint_sweeps_are_planned() -> None:
     assert len(whole.exchange.blocks) > 1
     assert whole.exchange.ends_jointly
     assert len(banded.chunks.bands) > 1
+
+
+def test_a_plan_is_made_once_however_often_it_is_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    built = []
+    monkeypatch.setattr("yesnt.runtime.session.shot_graph", lambda plan: built.append(plan) or shot_graph(plan))
+    session = Session(write_tiny_shot(tmp_path / "shot", 2))
+    forecast(session)
+    states(session)
+    assert session.graph() is session.graph()
+    assert len(built) == 1
+    without = Missing({(DECOMPOSE, 1002): "its worker died"})
+    assert len(session.graph(without)) < len(session.graph())
+    assert built[1].absent == {1002}
 
 
 def test_a_graph_finds_the_node_that_commits_a_frame() -> None:

@@ -93,10 +93,10 @@ def test_chunks_in_bands_equal_the_whole_solve_around_a_weak_patch(
     """Two frames a chunk, three bands, metal in Huber's tail, a patch of confidence 0.02 across all seams."""
     from yesnt.tasks import confidence as confidence_task
 
-    trusted = confidence_task._ensemble_confidence
+    measured = confidence_task._ensemble_confidence
 
     def weak(space, frame):
-        confidence = trusted(space, frame).copy()
+        confidence = measured(space, frame).copy()
         confidence[:, 60:140, 50:110] = 0.02
         return confidence
 
@@ -117,10 +117,10 @@ def test_chunks_in_bands_equal_the_whole_solve_around_an_inconsistent_frame(
     from yesnt.tasks import confidence as confidence_task
     from yesnt.tasks import solve_window
 
-    trusted = confidence_task._ensemble_confidence
+    measured = confidence_task._ensemble_confidence
 
     def silenced(space, frame):
-        return trusted(space, frame) * np.float32(frame != 1002)
+        return measured(space, frame) * np.float32(frame != 1002)
 
     monkeypatch.setattr(solve_window, "_inconsistent", lambda space, frame: frame == 1002)
     monkeypatch.setattr(confidence_task, "_ensemble_confidence", silenced)
@@ -172,7 +172,7 @@ def test_bands_are_chosen_from_the_memory_setting_only() -> None:
     assert narrow.peak_bytes <= 2e9
     assert narrow.bands[0].core.start == 0
     assert narrow.bands[-1].core.stop == 2160
-    assert bands(0.9).peak_bytes > 0.9e9, "bands stay wider than what they only read; the plan tells what they take"
+    assert bands(0.9).peak_bytes > 0.9e9, "bands stay wider than what they only read; the plan says what they take"
 
 
 def test_the_matte_is_measured_where_it_is_densest(tmp_path: Path) -> None:
@@ -182,7 +182,7 @@ def test_the_matte_is_measured_where_it_is_densest(tmp_path: Path) -> None:
 
 
 def test_links_longer_than_the_reach_are_cut_in_every_band(banded: Session, tmp_path: Path) -> None:
-    """A flow of 40 rows where 16 are followed: told in the records, and the solve is still one."""
+    """A flow of 40 rows where 16 are followed: the records say so, and all bands agree."""
     from yesnt.io.exr import write_exr
 
     path = write(tmp_path / "shot", memory=NARROW)
@@ -193,6 +193,6 @@ def test_links_longer_than_the_reach_are_cut_in_every_band(banded: Session, tmp_
     path.write_text(text)
     session = Session(path)
     run_here(session)
-    told = [json.loads(p.read_text())["facts"] for p in session.book.folder.glob("solve.sweep0.band*/*.json")]
-    assert any(facts.get("cut_links") for facts in told)
+    facts = [json.loads(p.read_text())["facts"] for p in session.book.folder.glob("solve.sweep0.band*/*.json")]
+    assert any(one.get("cut_links") for one in facts)
     assert np.isfinite(material(session)).all()

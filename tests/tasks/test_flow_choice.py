@@ -39,10 +39,10 @@ def precomputed(folder: Path, sign: float) -> Path:
 
 
 def test_a_precomputed_flow_points_to_the_next_frame_x_right(tmp_path: Path) -> None:
-    flow, trusted = flow_of(precomputed(tmp_path / "right", 1.0))
+    flow, valid = flow_of(precomputed(tmp_path / "right", 1.0))
     np.testing.assert_allclose(flow[0], SPEED, rtol=1e-6)
     assert not flow[1].any()
-    assert trusted > 1.2 * flow_of(precomputed(tmp_path / "turned", -1.0))[1]
+    assert valid > 1.2 * flow_of(precomputed(tmp_path / "turned", -1.0))[1]
 
 
 def test_a_learned_flow_takes_its_weights_from_the_job(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from yesnt.core.camera import Camera
 from yesnt.core.stage_id import StageId
 from yesnt.inspect.audit import DONE, states
-from yesnt.inspect.sampling_cost import Evaluations, forecast_evaluations
+from yesnt.inspect.sampling_cost import SamplingCost, sampling_cost
 from yesnt.io import shot_inputs
 from yesnt.io.jobfile import frame_path
 from yesnt.planning import settings as of
@@ -59,7 +59,7 @@ class Forecast:
 
     Attributes:
         stages: rows in order.
-        evaluations: network evaluations of the decomposition that the run would spend.
+        evaluations: sampling cost of the decomposition, in network evaluations.
         chunks: of frames that the shot is solved in; 1: whole.
         halo: frames of halo of the solver's chunks.
         sweeps: exchanges between chunks, at most.
@@ -70,7 +70,7 @@ class Forecast:
     """
 
     stages: tuple[StageForecast, ...]
-    evaluations: Evaluations
+    evaluations: SamplingCost
     chunks: int
     halo: int
     sweeps: int
@@ -93,19 +93,20 @@ def forecast(session: Session) -> Forecast:
     for state in states(session, graph):
         if state.state != DONE:
             reasons[StageId.parse(state.stage).name].append(state.why.split(";")[0])
-    planned = [stage for stage in STAGES if stage != "window" or any(node.stage.name == "window" for node in graph)]
+    used = {node.stage.name for node in graph}
+    planned = [name for name, row in STAGES.items() if name in used or not row.in_lanes]
     rows = tuple(_row(session, graph, stage, reasons[stage]) for stage in planned)
     modelled = tuple(f"{term.term}: {term.reason}" for term in _relight_terms(session) if term.modelled)
-    spent = forecast_evaluations(session, graph)
+    spent = sampling_cost(session, graph)
     chunks, left_out = plan.chunks, tuple(_left_out(session))
     cut = len(plan.exchange.blocks), chunks.halo, plan.exchange.sweeps, len(chunks.bands)
     return Forecast(rows, spent, *cut, left_out, modelled, tuple(warnings))
 
 
 def _row(session: Session, graph: Graph, stage: str, reasons: list[str]) -> StageForecast:
-    nodes = [node for node in graph if node.stage.name == stage and (not node.transient or stage == "window")]
+    nodes = [node for node in graph if node.stage.name == stage and (not node.transient or STAGES[stage].in_lanes)]
     todo = [node for node in nodes if not is_done(session.book, node)]
-    if stage == "window" and all(is_done(session.book, node) for node in graph if node.stage.name == "decompose"):
+    if STAGES[stage].in_lanes and all(is_done(session.book, node) for node in graph if node.stage.name == "decompose"):
         todo = []
     row, pixels = STAGES[stage], session.job.width * session.job.height
     measured = _measured_seconds(session, nodes)

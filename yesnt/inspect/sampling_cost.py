@@ -1,4 +1,4 @@
-"""How many evaluations of the network a run would spend, from mattes and patches alone: a part of `yesnt plan`."""
+"""Sampling cost: the number of function evaluations (NFE) of the network that a run needs, from mattes and patches."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from yesnt.runtime.driver import is_done
 from yesnt.runtime.session import Session
 
 TYPICAL_SHARE = {"full": 0.35, "between": 0.1}
-"""Share of all members that a frame drawn in full, and one between keyframes, spends where a tolerance is set.
-A guess for a job's first run, not a measurement; once frames are done, what they spent takes its place."""
+"""Share of all members that a frame sampled in full, and one between keyframes, needs where a tolerance is set.
+A guess for a job's first run, not a measurement; once frames are done, their records replace it."""
 
 
 @dataclass(frozen=True)
-class Evaluations:
-    """Evaluations of what is not done yet.
+class SamplingCost:
+    """Network evaluations (NFE) of the frames that are not done yet.
 
     Attributes:
-        least: if every patch stops after its first members, and frames between keyframes draw nothing.
+        least: if every patch stops after its first members, and frames between keyframes sample nothing.
         expected: by the measured share of this job's frames that are done, or else the typical share.
-        most: if every patch draws all members that its tolerance can ask for.
+        most: if every patch samples all members that its tolerance can require.
         fixed: of all frames of the shot with all members.
         samples: that number of members.
         basis: where `expected` comes from.
@@ -43,12 +43,12 @@ class Evaluations:
     basis: str
 
 
-def forecast_evaluations(session: Session, graph: Graph) -> Evaluations:
-    """Counts patches that see the matte, for every frame (or window) that is to be drawn."""
+def sampling_cost(session: Session, graph: Graph) -> SamplingCost:
+    """Counts patches that see the matte, for every frame (or window) that is to be sampled."""
     plan = session.plan()
     settings = of.ensemble_settings(session.job.shot)
     if plan.backend is None:
-        return Evaluations(0, 0, 0, 0, settings.samples, "passes are read")
+        return SamplingCost(0, 0, 0, 0, settings.samples, "passes are read")
     nodes = [node for node in graph if node.stage.name == ("window" if plan.windows else "decompose")]
     print_of = plan.backend.footprint
     patches = {node.id: _patches(session.job, node, print_of.patch, print_of.align, settings.overlap) for node in nodes}
@@ -66,7 +66,7 @@ def forecast_evaluations(session: Session, graph: Graph) -> Evaluations:
         open_ended = between or members < at_most
         expected += one * at_most * (shares["between" if between else "full"] if open_ended else 1)
     fixed = sum(patches.values()) * print_of.nfe * settings.samples
-    return Evaluations(round(least), round(expected), round(most), fixed, settings.samples, basis)
+    return SamplingCost(round(least), round(expected), round(most), fixed, settings.samples, basis)
 
 
 def _settled(session: Session, node: Node, users: Sequence[Node]) -> bool:

@@ -1,4 +1,4 @@
-"""How a shot is cut for the temporal solver: chunks of frames with a halo, bands of rows, and exchange sweeps."""
+"""Divides a shot for the temporal solver: chunks of frames with a halo, bands of rows, number of exchange sweeps."""
 
 from __future__ import annotations
 
@@ -14,47 +14,48 @@ from yesnt.temporal.blocks import band_rows, block_bytes, halo_frames, halo_rows
 from yesnt.temporal.params import EnergyParams
 
 TYPICAL_CONFIDENCE = 0.1
-"""Data weight that the halo is made for: weaker tracks are rarer, and the exchange sweeps reach them."""
+"""Data weight that the halo is computed for; rarer, weaker tracks are left to the exchange sweeps."""
 
 WEAKEST_CONFIDENCE = 0.02
-"""Data weight up to which sweeps reach the tolerance where memory has no room for joint ones."""
+"""Data weight down to which the sweeps reach the tolerance where memory has no room for joint sweeps."""
 
 ROUND = 3
-"""Sweeps of a round: the two colours of a chessboard of blocks, and a joint one (exchange.py)."""
+"""Sweeps of a round: two colours of a chessboard of blocks, and a joint sweep (exchange.py)."""
 
 ROUNDS = 2
-"""Rounds that are planned: one suffices where the joint sweep may hold all that moved, the next shows it at rest."""
+"""Rounds that are planned: one suffices where the joint sweep can hold all unconverged pixels, the next confirms it."""
 
 SHORTEST = 16
-"""Frames below which a chunk is rather cut into bands of rows than made shorter; a half and a quarter of it are left
+"""Frames below which a chunk is divided into bands of rows instead of made shorter. Half and a quarter of it are used
 for shots whose bands would still be too large."""
 
 RESIDENT = 470e6
-"""Bytes of a worker that has decomposed and relit frames, has cleared its array cache and given freed pages back."""
+"""Bytes of a worker that has decomposed and relit frames, cleared its array cache and returned freed pages."""
 
 DECOMPOSING, DECOMPOSING_PIXEL, MOST = 0.615e9, 300, 2e9
-"""Bytes of a worker that decomposes a frame, and of each pixel of it (measured: 0.58 to 0.62 GB at 256x384), and the
-most of it. Where a job does not say, the solver takes no more: a long shot needs no larger workers than a short one."""
+"""Bytes of a worker that decomposes a frame: constant part, part for each pixel (measured: 0.58 to 0.62 GB at 256x384),
+and upper limit. Unless the job sets `temporal.memory`, the solver takes no more than that, so a long shot needs no
+larger workers than a short one."""
 
 READING = 60
-"""Bytes per pixel of a frame while it is read whole and cut: plate, observation, flow, confidence."""
+"""Bytes per pixel of a frame while it is read whole and cut to a block: plate, observation, flow, confidence."""
 
 HALO_ROWS = 16
-"""Most rows of halo of a band; the exchange sweeps bring the rest."""
+"""Largest halo of a band, in rows; the exchange sweeps do the rest."""
 
 REACH_SHARE = 48
-"""Bands follow vertical motion up to a 48th of the height (and at least 16 pixels) per frame; longer links are cut."""
+"""Bands follow vertical motion of up to 1/48 of the height (and at least 16 pixels) per frame; longer links are cut."""
 
 
 @dataclass(frozen=True)
 class Extent:
-    """What is known of a shot's frames before they are solved.
+    """Size of a shot's frames and how much of them is matte.
 
     Attributes:
         height: rows.
         width: columns.
-        densest: share of matte pixels in the densest sixteenth of the rows: what bands are cut by.
-        mean: share of matte pixels in all rows; the densest where it is not known.
+        densest: share of matte pixels in the densest sixteenth of the rows; it sizes the bands.
+        mean: share of matte pixels in all rows; None: unknown, `densest` is used.
     """
 
     height: int
@@ -63,20 +64,20 @@ class Extent:
     mean: float | None = None
 
     def share(self, rows: int) -> float:
-        """Share of matte pixels in that many rows, whichever they are."""
+        """Share of matte pixels in so many rows, at worst."""
         return self.densest if self.mean is None or rows < self.height else self.mean
 
 
 @dataclass(frozen=True)
 class ChunkPlan:
-    """How long chunks and their halos are, and how often blocks exchange their borders.
+    """Lengths of chunks, halos and bands, and how often blocks exchange their borders.
 
     Attributes:
         chunk: frames of a chunk at most; the whole sequence where memory allows.
         halo: frames read on both sides of a chunk.
-        sweeps: exchanges after the first solve, at most; one that would change nothing keeps what is there.
+        sweeps: exchanges after the first solve, at most; a sweep that would change nothing keeps the values.
         bands: rows; a single band where a chunk fits into memory whole.
-        reach: rows that a band reads around its outer rows in an exchange, at most; 0 for a single band.
+        reach: rows that a band reads around its outer rows in an exchange sweep, at most; 0 for a single band.
         peak_bytes: predicted resident memory of a worker that solves a block.
         joint: pixels that a joint sweep may list; 0: memory has no room for one.
     """
@@ -107,13 +108,13 @@ def plan_chunks(
     """Chunks, halo, sweeps and bands for a job.
 
     A sequence that fits into the job's memory is one chunk: that is the least work, and exact. Otherwise the halo
-    follows the decay formula for a typical confidence but is at most half a chunk, since every frame of it is solved
-    twice, and a quarter where bands are needed; sweeps then bring the rest (temporal/blocks.py).
+    follows the decay formula for a typical confidence, but is at most half a chunk, since its frames are solved twice,
+    and a quarter where bands are needed; the sweeps do the rest (temporal/blocks.py).
 
     Args:
         params: of the energy.
-        temporal: the job's section; its own chunk, halo or sweeps are taken as they are.
-        tolerance: share of a change outside that may be missing inside.
+        temporal: the job's section; a chunk, halo or number of sweeps set there is used unchanged.
+        tolerance: share of a change outside a block that may be missing inside.
         frames: length of the shot.
         extent: of its frames.
     """
@@ -130,7 +131,7 @@ def plan_chunks(
 def _plan_of(
     chunk: int, params: EnergyParams, temporal: TemporalInput, tolerance: float, frames: int, extent: Extent
 ) -> ChunkPlan:
-    """The plan for a length of chunk; its peak may exceed the memory, if bands cannot be made narrower."""
+    """The plan for one length of chunks; its peak exceeds the memory where bands cannot be made narrower."""
     needed = halo_frames(params, TYPICAL_CONFIDENCE, tolerance)
     for share in (2, 4):
         halo = temporal.halo if temporal.halo is not None else min(needed, max(1, chunk // share))
@@ -145,20 +146,20 @@ def _plan_of(
         return replace(plan, peak_bytes=_peak(loaded, extent.height, extent))
     border = min(halo_rows(params, TYPICAL_CONFIDENCE, tolerance), HALO_ROWS)
     reach = max(16, extent.height // REACH_SHARE)
-    # Narrower than half of what they only read, bands would cost more time than memory is worth: `plan` tells the peak.
+    # Bands narrower than half of what they only read would cost too much time; `yesnt plan` prints the peak instead.
     core = max(rows - 2 * (border + reach), border + reach)
     bands, peak = row_bands(extent.height, core, border), _peak(loaded, core + 2 * (border + reach), extent)
     return replace(plan, bands=bands, reach=reach, peak_bytes=peak)
 
 
 def fits_whole(temporal: TemporalInput, frames: int, extent: Extent) -> bool:
-    """Whether a chunk of the job's length with half of it as halo on each side, or the whole shot, fits into memory."""
+    """Whether a chunk of the job's length, with half of it as halo on each side, or the whole shot fits into memory."""
     loaded = frames if temporal.chunk is None else min(frames, 2 * temporal.chunk + 2)
     return _affordable_rows(temporal, loaded, extent) >= extent.height
 
 
 def _chunk_length(temporal: TemporalInput, needed: int, frames: int, extent: Extent) -> int:
-    """Frames of a chunk: as many as memory allows with halo and border, as far as that is not too few."""
+    """Frames of a chunk: as many as memory allows with halo and border, but at least `SHORTEST`."""
     if temporal.chunk is not None:
         return temporal.chunk
     longest = int(_free(temporal, extent) // block_bytes(1, extent.height, extent.width, extent.share(extent.height)))
@@ -178,7 +179,7 @@ def _sweeps(params: EnergyParams, temporal: TemporalInput, tolerance: float, hal
 
 
 def _joint_pixels(temporal: TemporalInput, frames: int, extent: Extent) -> int:
-    """Matte pixels that a joint task may list beside two masks of the whole sequence; 0 for less than a frame's."""
+    """Matte pixels that a joint task may list, next to two masks of the whole sequence; 0 if less than one frame's."""
     pixels = extent.height * extent.width
     free = _free(temporal, extent) - 2 * frames * pixels / 8  # a bit a pixel
     listed = int(free // listed_bytes())
@@ -186,7 +187,7 @@ def _joint_pixels(temporal: TemporalInput, frames: int, extent: Extent) -> int:
 
 
 def matte_extent(job: Job) -> Extent:
-    """The extent of a job's frames, with the shares of three of them; the densest is rounded up to a twentieth."""
+    """The extent of a job's frames, measured on three of them; the densest share is rounded up to a twentieth."""
     middle, window, densest, means = len(job.frames) // 2, max(1, job.height // 16), 0.0, []
     for frame in {job.frames[0], job.frames[middle], job.frames[-1]}:
         rows = (read_matte(job, frame) > 0.5).mean(axis=1)

@@ -1,4 +1,4 @@
-"""From the job's sections to the kernels' own frozen settings; a knob that no kernel knows is refused by name."""
+"""Makes the kernels' frozen settings from the sections of the job file; an unknown knob is refused by name."""
 
 from __future__ import annotations
 

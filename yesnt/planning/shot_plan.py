@@ -1,4 +1,4 @@
-"""What the builders of a shot's nodes know: which frames each stage makes, the solver's schedule, digests of inputs."""
+"""A shot as the builders of its nodes see it: frames of each stage, the solver's schedule, digests of inputs."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ CONFIDENCE_CHUNK = 16
 
 @dataclass(frozen=True)
 class ShotPlan:
-    """A shot as the builders of its nodes see it.
+    """Frames of each stage, the solver's schedule, and digests of inputs.
 
     Attributes:
         job: the job.

@@ -70,7 +70,7 @@ def blend_windows(space: Workspace[BlendWindowsTask]) -> None:
 
 
 def _chosen_backend(space: Workspace[DecomposeTask] | Workspace[WindowTask]) -> Any:
-    """The backend that the job names, with the weights that the plan knows; it stays in the worker."""
+    """The backend that the job names, with the weights of the task's digest; it stays in the worker."""
     job, chosen = space.job, space.job.shot.decompose
     knobs = tuple(sorted(of.backend_knobs(job.shot).items()))
     weights = of.weights_path(job.root, job.shot)

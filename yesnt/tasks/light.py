@@ -1,7 +1,7 @@
-"""The light that a frame sees, from what the job says of it.
+"""The lights of a frame as the job describes them.
 
-The map of the frame, clamped, turned, exposed and seen from the actor's place; or the capture light estimated from the
-shot.
+A light is the frame's map, clamped, rotated, exposed and seen from the subject's place, or the capture light estimated
+from the shot.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def frame_map(job: Job, spec: MapInput | None, frame: int) -> EnvMap:
 
 
 def read_map(path: str, spec: MapInput) -> EnvMap:
-    """A file's map as the job wants it."""
+    """Reads a map and applies the job's convention, clamp, rotation and exposure."""
     from yesnt.relight import EnvMap
 
     radiance, _ = shot_inputs.read_radiance(Path(path))
@@ -51,7 +51,7 @@ def read_map(path: str, spec: MapInput) -> EnvMap:
 
 
 def estimated_map(job: Job) -> EnvMap:
-    """The capture light as the probe frames' own shading tells it."""
+    """The capture light, estimated from the shading of the probe frames."""
     from yesnt.relight import Surface, estimate_capture
 
     camera = Camera.open(frame_path(job.root, job.shot.camera, 0))
@@ -172,7 +172,7 @@ def _prepared(known: _Known, settings: RelightSettings, role: str, place: Place 
 
 
 def _place_of(spec: MapInput, surface: Surface) -> Place | None:
-    """Where the actor stands, world metres to the millimetre: the median of what the camera sees of them."""
+    """The subject's place in world metres, rounded to 1 mm: the median of its visible surface points."""
     if spec.captured_at is None:
         return None
     from yesnt.relight.points import gather_pixels

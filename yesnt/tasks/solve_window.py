@@ -36,7 +36,7 @@ class Window:
         frames: frame numbers.
         rows: rows of the frame.
         matte: [T, rows, W].
-        fixed: [T, rows, W], True where a neighbour's value stands.
+        fixed: [T, rows, W], True where the value is a neighbour's and is not solved.
     """
 
     frames: tuple[int, ...]

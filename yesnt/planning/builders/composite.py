@@ -31,6 +31,6 @@ def composite_nodes(plan: ShotPlan, graph: Graph) -> Iterator[Node]:
 
 
 def _backdrop(plan: ShotPlan) -> dict[str, str]:
-    """What stands behind the subject: a plate, or the light's map as the camera sees it."""
+    """Pattern of the background: a plate, or the light's map as the camera sees it."""
     shot = plan.job.shot
     return {"background": shot.background.path} if shot.background else {"light": shot.light.path}

@@ -130,3 +130,29 @@ def test_constraints_hold_what_is_declared_exactly():
             name, exact, version = line.lower().partition("==")
             if exact:
                 assert pinned[name] == version
+
+
+def test_the_extra_metrics_brings_weights_that_load():
+    from yesnt.measure.evaluation.nets import open_nets, stlpips_weights
+
+    assert stlpips_weights() is not None
+    assert [net.name for net in open_nets(None)] == ["stlpips"]
+
+
+def test_the_extra_train_brings_weights_that_load():
+    import torch
+
+    from yesnt.training.published_backbone import published_backbone
+
+    features = published_backbone()(torch.zeros(1, 3, 64, 64))
+    assert features
+    assert all(torch.isfinite(level).all() and level.shape[0] == 1 for level in features)
+
+
+def test_the_extra_diffusers_has_every_class_that_the_backends_load():
+    import diffusers
+
+    sources = [path.read_text() for path in (ROOT / "yesnt" / "decompose").glob("*.py")]
+    named = {name for source in sources for name in re.findall(r"\bdiffusers\.([A-Z]\w+)", source)}
+    assert {"AutoencoderKL", "UNet2DConditionModel"} <= named
+    assert not {name for name in named if not hasattr(diffusers, name)}

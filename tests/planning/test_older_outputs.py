@@ -8,6 +8,9 @@ from pathlib import Path
 from tests.in_process import run_here
 from tests.tiny_shot import write_tiny_shot
 from yesnt.inspect.audit import states
+from yesnt.planning.stages import DECOMPOSE
+from yesnt.report.facts import gather
+from yesnt.report.timeline import timeline_svg
 from yesnt.runtime.session import Session
 
 
@@ -32,6 +35,21 @@ def test_records_of_an_older_version_are_stale_and_say_so(tmp_path: Path) -> Non
     version = found["decompose", 1002]
     assert version.state == "stale"
     assert version.why == "another version of yesnt made it: the stage's version was 3, is 4"
+
+
+def test_marks_and_events_of_an_older_version_are_read(tmp_path: Path) -> None:
+    session = Session(write_tiny_shot(tmp_path / "shot", 2))
+    for stage in ("trust", "decompose"):
+        mark = session.output.dead / stage / "1001.json"
+        mark.parent.mkdir(parents=True)
+        mark.write_text(json.dumps({"stage": stage, "frame": 1001, "reason": "it killed two workers"}))
+    assert session.marked_dead() == {(DECOMPOSE, 1001): "it killed two workers"}
+    facts = {"event": "done", "time": 9.0, "frames": [1001], "pid": 1, "seconds": 2.0}
+    stages = ("trust", "preview.reel", "solve.0.r3", "bake")
+    session.output.events.write_text("\n".join(json.dumps({**facts, "stage": stage}) for stage in stages))
+    tasks = gather(session)["tasks"]
+    assert [task["stage"] for task in tasks] == ["confidence", "preview", "solve"]
+    assert timeline_svg(tasks).count("<title>") == 3
 
 
 def test_what_older_versions_left_under_other_names_is_removed_after_a_run(tmp_path: Path) -> None:

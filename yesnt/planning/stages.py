@@ -153,6 +153,11 @@ def stage_of(stage: StageId) -> Stage:
     return STAGES[stage.name]
 
 
+def find_stage(name: str) -> Stage | None:
+    """The row of a name that was read from a file, also of a stage's former name; None for any other."""
+    return STAGES.get(name) or next((row for row in STAGES.values() if name and name == row.former_name), None)
+
+
 def function_of(stage: StageId, task: records.TaskRecord) -> str:
     """The function that runs a task, as `module:function`.
 

@@ -11,7 +11,7 @@ from typing import Any
 from yesnt.core.stage_id import StageId
 from yesnt.inspect.audit import states
 from yesnt.measure.trade.run import read_trade
-from yesnt.planning.stages import STAGES
+from yesnt.planning.stages import STAGES, find_stage
 from yesnt.runtime.session import Session
 
 
@@ -78,6 +78,9 @@ def _tasks(session: Session) -> list[dict[str, Any]]:
             tasks = []
         elif event["event"] == "done":
             end = event["time"]
-            span = {"stage": StageId.parse(event["stage"]).name, "frame": event["frames"][0], "worker": event["pid"]}
+            row = find_stage(StageId.parse(event["stage"]).name)
+            if row is None:
+                continue  # of another version of the product
+            span = {"stage": row.name, "frame": event["frames"][0], "worker": event["pid"]}
             tasks.append(span | {"begin": end - event["seconds"], "end": end})
     return tasks

@@ -237,7 +237,9 @@ class Session:
         marks = {}
         for path in sorted(self.output.dead.glob("*/*.json")):
             document = json.loads(path.read_text())
-            marks[StageId.parse(document["stage"]), document["frame"]] = document["reason"]
+            stage = StageId.parse(document["stage"])
+            if stage.name in STAGES:  # else another version of the product left it
+                marks[stage, document["frame"]] = document["reason"]
         return marks
 
     def _mark_dead(self, node: Node, reason: str) -> None:

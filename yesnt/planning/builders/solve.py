@@ -48,7 +48,8 @@ class _SolveBuilder:
         exchange, chunks = self._exchange, self._plan.chunks
         loaded = exchange.loaded(chunk, sweep)
         last = exchange.last_solve(chunk.index, band.index, sweep)
-        held = self._held(loaded, chunks.touched(band, sweep), *((sweep,) if sweep else ()), *((last,) if last else ()))
+        compared = (k for k in (sweep, last) if k > 0)  # sweep 0 reads observations only
+        held = self._held(loaded, chunks.touched(band, sweep), *compared)
         own = {
             "chunk": [chunk.core.start, chunk.core.stop, chunk.outer.start, chunk.outer.stop],
             "band": None if chunks.whole else [*_flat(band), chunks.reach],

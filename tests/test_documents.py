@@ -351,6 +351,16 @@ def test_every_benchmark_is_named_by_a_document_or_by_make_bench(name: str) -> N
     assert named or any(name in path.read_text() for path in PAGES), f"no document names {name}"
 
 
+def test_every_benchmark_imports_what_exists() -> None:
+    """Benchmarks are run by hand, so a renamed function would be noticed late."""
+    names = [name.removesuffix(".py") for name in benchmarks()]
+    code = (
+        f"import importlib, sys; sys.path.insert(0, {str(BENCHMARKS)!r}); [importlib.import_module(n) for n in {names}]"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
+    assert found.returncode == 0, found.stderr[-2000:]
+
+
 def test_make_bench_runs_what_exists() -> None:
     bench = re.search(r"^BENCHMARKS := (.*)$", text_of("Makefile"), re.M)
     assert bench

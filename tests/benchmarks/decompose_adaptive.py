@@ -18,7 +18,7 @@ import yaml
 
 from yesnt.decompose.settings import EnsembleSettings
 from yesnt.io.exr import read_image
-from yesnt.measure.trade.harness import Lab
+from yesnt.measure.trade.harness import Harness
 from yesnt.runtime.session import Session
 
 WHOLE = EnsembleSettings(16, tolerance=0.0, keyframe_step=1)
@@ -36,7 +36,7 @@ CASES = {
 }
 
 
-def open_lab(folder: Path, home: Path, frames: int, weights: Path | None) -> Lab:
+def open_harness(folder: Path, home: Path, frames: int, weights: Path | None) -> Harness:
     """The shot with absolute paths and an output of its own: its folder is only read."""
     job = yaml.safe_load((folder / "shot.yaml").read_text())
     for part in ("plate", "gbuffer", "light", "capture_light", "proxy"):
@@ -45,7 +45,7 @@ def open_lab(folder: Path, home: Path, frames: int, weights: Path | None) -> Lab
     job["decompose"] = {"backend": "embedded"} | ({"weights": str(weights.absolute())} if weights else {})
     (home / "shot.yaml").write_text(yaml.safe_dump(job))
     session = Session(home)
-    return Lab(session, session.job.frames[:frames])
+    return Harness(session, session.job.frames[:frames])
 
 
 def main() -> None:
@@ -58,20 +58,20 @@ def main() -> None:
     torch.set_num_threads(1)
     for folder in options.folders:
         with tempfile.TemporaryDirectory() as home:
-            lab = open_lab(folder.absolute(), Path(home), options.frames, options.weights)
-            truth = np.stack([true_material(folder, frame) for frame in lab.frames], axis=1)
-            inside = np.stack([plate.matte > 0.99 for plate in lab.plates])
-            print(f"{folder.name}, {len(lab.frames)} frames, {options.steps} steps")
+            harness = open_harness(folder.absolute(), Path(home), options.frames, options.weights)
+            truth = np.stack([true_material(folder, frame) for frame in harness.frames], axis=1)
+            inside = np.stack([plate.matte > 0.99 for plate in harness.plates])
+            print(f"{folder.name}, {len(harness.frames)} frames, {options.steps} steps")
             print(f"{'case':26s} nfe  fewer  roughness: drawn  fused   metallic: drawn  fused  rank of spread")
             whole = 0
             for name, settings in CASES.items():
-                mean, std, spent = lab.observe(settings, {"steps": options.steps}, "dis-quality")
-                fused, _ = lab.fuse(mean, std, "dis-quality", 1e-4)
+                mean, std, spent = harness.observe(settings, {"steps": options.steps}, "dis-quality")
+                fused, _ = harness.fuse(mean, std, "dis-quality", 1e-4)
                 drawn, solved = (np.sqrt(((v - truth) ** 2)[:, inside].mean(1)) for v in (mean, fused))
-                whole = whole or spent.nfe
+                whole = whole or spent.evaluations
                 ranks = rank_correlation(std[0][inside], np.abs(mean - truth)[0][inside])
                 print(
-                    f"{name:26s} {spent.nfe / len(lab.frames):11.1f}  {whole / spent.nfe:5.1f}"
+                    f"{name:26s} {spent.evaluations / len(harness.frames):11.1f}  {whole / spent.evaluations:5.1f}"
                     f"  {drawn[0]:16.4f} {solved[0]:6.4f} {drawn[1]:16.4f} {solved[1]:6.4f}  {ranks:14.2f}",
                     flush=True,
                 )

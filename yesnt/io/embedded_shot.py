@@ -11,7 +11,8 @@ SHOT = Path(__file__).parent.parent / "data" / "shot"
 """The embedded shot: inputs in the contract's form and the truth beside them."""
 
 _TEMPLATE = """\
-# A shot of yesnt. Paths are relative to this file, absolute, or start with ~; #### is the frame number.
+# Job file of yesnt; docs/contract.md lists every key. Paths are relative to this file, absolute, or start with ~;
+# #### is the frame number.
 version: 1
 name: {name}
 frames: 1001-1024                 # also 1001-1100x2 and lists with commas
@@ -22,12 +23,12 @@ camera:  camera.json              # width height fx fy cx cy, and world_from_cam
 
 light:   {{path: env/light.exr, convention: blender, rotation: [0, 0, 0], exposure: 0}}   # degrees, stops
 #   env/light.####.exr: one map a frame; convention: blender | opengl | mitsuba; clamp: 100 (largest radiance kept);
-#   captured_at: [0, 0, 1] and distance: 5 (metres): seen from where the actor and the camera are
-# capture_light: {{path: env/capture.exr}}        # what the plate was shot under; absent: uniform; or the word estimate
+#   captured_at: [0, 0, 1] and distance: 5 (metres): reprojected for the places of the actor and the camera
+# capture_light: {{path: env/capture.exr}}        # the light of the plate; absent: uniform, radiance 1; or `estimate`
 # background: {{path: bg/bg.####.exr}}            # absent: the light's map as the camera sees it
-# proxy: {{path: proxy/proxy.####.ply}}           # triangles in world metres: casts shadows and bounces light
+# proxy: {{path: proxy/proxy.####.ply}}           # triangles in world metres: cast shadows and reflect light
 
-decompose: {{backend: embedded, samples: 8}}      # or passes already made: {{path: material/material.####.exr}}
+decompose: {{backend: embedded, samples: 8}}      # or existing passes: {{path: material/material.####.exr}}
 quality: standard                 # draft | standard | final | reference
 seed: 0
 output: out

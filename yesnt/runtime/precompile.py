@@ -25,7 +25,7 @@ from yesnt.core.kernel_cache import kernel_folder
 PROCESSES = 2
 """Processes that compile side by side. More would wait for the largest unit."""
 
-REPORT_SECONDS = 4.0
+REPORT_SECONDS = 3.0
 """Time between two progress events."""
 
 POLL_SECONDS = 0.1

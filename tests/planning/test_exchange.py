@@ -6,10 +6,17 @@ import pytest
 
 from yesnt.core.shot import TemporalInput
 from yesnt.core.stage_id import StageId
-from yesnt.planning.chunks import DECOMPOSING, DECOMPOSING_PIXEL, SHORTEST, Extent, plan_chunks
+from yesnt.planning.chunks import (
+    DECOMPOSING,
+    DECOMPOSING_PIXEL,
+    SHORTEST,
+    TYPICAL_CONFIDENCE,
+    Extent,
+    plan_chunks,
+)
 from yesnt.planning.exchange import SOLVE, Exchange
 from yesnt.temporal import EnergyParams
-from yesnt.temporal.blocks import listed_bytes
+from yesnt.temporal.blocks import halo_frames, listed_bytes
 
 SMALL, HD = Extent(384, 256), Extent(1080, 1920, 0.4)
 
@@ -35,6 +42,22 @@ def test_a_longer_shot_is_cut_into_the_longest_chunks_that_fit() -> None:
     banded = plan(240, HD)
     assert banded.chunk == SHORTEST
     assert not banded.whole
+
+
+def test_the_halo_is_half_a_chunk_and_a_quarter_where_bands_are_needed() -> None:
+    needed = halo_frames(EnergyParams(), TYPICAL_CONFIDENCE, 1e-4)
+    assert needed > SHORTEST
+    whole, banded = plan(64, chunk=16, memory=4.0), plan(240, HD)
+    assert (whole.whole, whole.halo) == (True, 8)
+    assert (banded.whole, banded.chunk, banded.halo) == (False, SHORTEST, 4)
+    assert plan(240, HD, halo=3).halo == 3
+
+
+def test_a_chunk_of_the_job_is_used_unchanged_though_memory_does_not_suffice() -> None:
+    extent = Extent(2160, 3840, 0.9)
+    assert plan(240, extent, memory=0.9, chunk=SHORTEST).peak_bytes > 0.9e9
+    assert plan(240, extent, memory=0.9, chunk=SHORTEST).chunk == SHORTEST
+    assert plan(240, extent, memory=0.9).chunk == SHORTEST // 4
 
 
 @pytest.mark.parametrize("extent", [Extent(384, 256, 0.35, 0.2), Extent(384, 256), HD])

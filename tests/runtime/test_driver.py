@@ -240,7 +240,7 @@ def test_a_worker_that_leaves_while_a_run_attaches_is_passed_over(
 ) -> None:
     monkeypatch.setattr("yesnt.runtime.cluster.time.sleep", lambda seconds: None)
     client = _LeavingWorkers(2, error)
-    _prepare_workers(client, _prepare_plugin(()))
+    _prepare_workers(client, _prepare_plugin((), compiles=False))
     assert client.asked == [True, False, False], "workers that were passed over are asked again"
 
 
@@ -248,12 +248,12 @@ def test_workers_that_never_stay_are_a_lost_cluster(monkeypatch: pytest.MonkeyPa
     pauses: list[float] = []
     monkeypatch.setattr("yesnt.runtime.cluster.time.sleep", pauses.append)
     with pytest.raises(ClusterLostError, match=r"cannot be prepared \(CommClosedError: closed\).*:8786.*run the same"):
-        _prepare_workers(_LeavingWorkers(100, CommClosedError("closed")), _prepare_plugin(()))
+        _prepare_workers(_LeavingWorkers(100, CommClosedError("closed")), _prepare_plugin((), compiles=False))
     assert sum(pauses) < 20
     gone = _LeavingWorkers(100, CommClosedError("closed"))
     gone.status = "closed"
     with pytest.raises(ClusterLostError):
-        _prepare_workers(gone, _prepare_plugin(()))
+        _prepare_workers(gone, _prepare_plugin((), compiles=False))
     assert len(gone.asked) == 1, "a scheduler that is gone is not asked again"
 
 

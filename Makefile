@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/ready
-BENCHMARKS := engine_overhead engine_memory temporal_speed relight_speed
+BENCHMARKS := engine_overhead engine_memory engine_first_run temporal_speed relight_speed
 
 .PHONY: demo test test-long mutation lint bench blender train clean help
 

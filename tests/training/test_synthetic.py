@@ -8,7 +8,7 @@ from yesnt.decompose.network import sample_at_patch
 from yesnt.training.synthetic.dataset import Patches, crop, draw_image, draw_mix, draw_patches, recolour_garments
 from yesnt.training.synthetic.light import COLUMNS, LEVELS, ROWS, Light, draw_light, environment_brdf
 from yesnt.training.synthetic.materials import CLASSES, MATERIAL, PRIOR, draw_class, paint
-from yesnt.training.synthetic.render import Rendering, render
+from yesnt.training.synthetic.render import Rendering, paint_surface, render
 from yesnt.training.synthetic.shapes import EMPTY, GeometryBuffer
 from yesnt.training.synthetic.tiles import NAMES, tile_bank
 
@@ -38,6 +38,49 @@ def test_white_furnace(roughness, metallic):
     # The paint's white is limited to 0.98; energy may be lost by occlusion, never made.
     assert inner.max() <= 1.0
     assert inner.min() > 0.9
+
+
+def test_a_black_dielectric_reflects_four_percent_at_normal_incidence():
+    image = render(ball(), plain(0.05, 0.0, base=0.0), uniform())
+    # The paint's black is limited to 0.002, nearly all of it diffuse.
+    np.testing.assert_allclose(image.rgb[:, 31:33, 31:33], 0.04 + 0.002, atol=2e-3)
+
+
+def test_a_mirror_shows_the_light_along_the_reflected_direction():
+    """Light from the upper half of the image only: the upper half of a mirror ball is bright, the lower dark."""
+    half = np.zeros((ROWS, COLUMNS, 3), np.float32)
+    half[: ROWS // 2] = 1
+    image = render(ball(), plain(0.05, 1.0), Light(half, np.repeat(half[None], len(LEVELS), 0)))
+    assert image.rgb[0, 18:28, 30:34].min() > 0.8
+    assert image.rgb[0, 36:46, 30:34].max() < 0.05
+
+
+def test_a_metal_has_no_diffuse_part():
+    dark = np.zeros((len(LEVELS), ROWS, COLUMNS, 3), np.float32)
+    light = Light(np.ones((ROWS, COLUMNS, 3), np.float32), dark)
+    assert not render(ball(), plain(0.5, 1.0), light).rgb.any()
+    assert render(ball(), plain(0.5, 0.0), light).rgb[:, 31:33, 31:33].min() > 0.8
+
+
+def test_bumps_turn_the_normal_away_from_rising_heights():
+    geometry = GeometryBuffer.empty(64)
+    geometry.sheet(np.array([32.0, 32.0, 0.0, 40.0, 40.0, 0.0]), np.zeros((1, 4)), 0)
+    material = plain(0.5, 0.0)
+    material["bump"], material["pattern"] = 2.0, NAMES.index("cloudy")
+    material["frequency"] = 2.0
+    painted = paint_surface(geometry.normal, geometry.uv, geometry.material, material)
+    tile = tile_bank()[NAMES.index("cloudy")]
+    height = 2.0 * tile[np.ix_(*(np.floor(2 * (np.arange(64) + 0.5 - 32)).astype(int) % 256,) * 2)]
+    slope = np.gradient(height, axis=1)[8:56, 8:56]
+    assert np.corrcoef(slope.ravel(), painted[5, 8:56, 8:56].ravel())[0, 1] < -0.8
+
+
+def test_edges_keep_straight_truth_and_class():
+    image = render(ball(), plain(0.37, 1.0), uniform())
+    edge = (image.matte > 0) & (image.matte < 1)
+    assert edge.sum() > 50
+    np.testing.assert_allclose(image.truth[0][image.matte > 0], 0.37, atol=1e-5)
+    assert set(np.unique(image.kind)) == {-1, 0}
 
 
 def test_normals_of_a_ball_are_radial():
@@ -153,6 +196,11 @@ def test_the_whole_shows_the_patch_where_it_says_so(seed):
     features, location = torch.from_numpy(example.context[None, 3:]), torch.from_numpy(example.location[None])
     sampled = sample_at_patch(features, location, 16)[0, 0].numpy()
     shown = example.matte[0].reshape(16, 4, 16, 4).mean((1, 3))
+    rgb = sample_at_patch(torch.from_numpy(example.context[None, :3]), location, 16)[0].numpy()
+    patch = example.rgb.reshape(3, 16, 4, 16, 4).mean((2, 4))
+    both = (sampled > 0.99) & (shown > 0.99)
+    ratio = rgb[:, both].mean(1) / patch[:, both].mean(1)
+    np.testing.assert_allclose(ratio, 1, atol=0.15)  # the same exposure and cast
     assert np.abs(sampled - shown).mean() < 0.06
     assert example.context_truth[2].mean() == pytest.approx(example.context[3].mean(), abs=0.02)
     assert ((example.context_kind >= 0) == (example.context_truth[2] > 0.5)).mean() > 0.9

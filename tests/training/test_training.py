@@ -12,9 +12,11 @@ from yesnt.decompose.network import Network, NetworkShape, noised
 from yesnt.decompose.weights import PATCH, load_weights, save_weights
 from yesnt.training import trainer as training
 from yesnt.training.__main__ import main
+from yesnt.training.image_archive import interleaved_people
 from yesnt.training.losses import energy_score, estimator_loss
+from yesnt.training.synthetic.dataset import Patches, draw_patches
 from yesnt.training.synthetic.materials import CLASSES, PRIOR
-from yesnt.training.trainer import Trainer, TrainingSettings, train
+from yesnt.training.trainer import Trainer, TrainingSettings, rate_schedule, train
 
 TINY = NetworkShape(widths=(8, 8, 16), depths=(1, 1, 1), condition=8, denoiser=(8, 8))
 SHORT = (
@@ -151,6 +153,87 @@ def test_command_writes_weights_that_load(tmp_path, monkeypatch):
     network, patch = load_weights(tmp_path / "new" / "embedded.safetensors")
     assert network.shape == TINY
     assert patch == PATCH
+
+
+def test_the_learning_rate_warms_up_and_decays_to_a_fiftieth():
+    assert rate_schedule(0, 1000) == pytest.approx(0.01)
+    assert rate_schedule(99, 1000) == pytest.approx(0.02 + 0.49 * (1 + np.cos(0.099 * np.pi)))
+    assert rate_schedule(500, 1000) == pytest.approx(0.51)
+    assert rate_schedule(1000, 1000) == pytest.approx(0.02)
+
+
+def test_rates_of_estimator_and_denoiser_follow_the_phases(tmp_path):
+    settings = replace(SETTINGS, estimator_steps=400, denoiser_steps=300, fine_tuning_steps=200, rate=1.0)
+    trainer = Trainer(settings, TINY, tmp_path)
+    for step, expected in (
+        (200, (0.51, 0.0)),
+        (400 + 150, (0.51 / 5, 0.51)),
+        (400 + 300 + 100, (0.4 * 0.51, 0.4 * 0.51)),
+    ):
+        trainer.step = step
+        assert trainer._rates() == pytest.approx(expected)
+
+
+def test_the_averaged_network_is_an_exponential_moving_average(tmp_path):
+    trainer = Trainer(SETTINGS, TINY, tmp_path)
+    before = {name: value.clone() for name, value in trainer.averaged.state_dict().items()}
+    trainer.advance()
+    decay = (1 + 1) / (10 + 1)
+    for name, value in trainer.network.state_dict().items():
+        if value.is_floating_point():
+            expected = decay * before[name] + (1 - decay) * value
+            torch.testing.assert_close(trainer.averaged.state_dict()[name], expected, atol=1e-6, rtol=1e-5)
+
+
+def test_the_energy_score_does_not_train_the_estimator(tmp_path):
+    """With and without the denoiser's loss, the gradients of the estimator are the same."""
+    gradients = []
+    for estimator_steps in (1, 0):
+        trainer = Trainer(replace(SETTINGS, estimator_steps=estimator_steps), TINY, tmp_path)
+        trainer._loss(draw_patches(0, 1, 2, 32)).backward()
+        gradients.append([p.grad for p in trainer.network.estimator.parameters()])
+        trained = any(p.grad is not None and p.grad.any() for p in trainer.network.denoiser.parameters())
+        assert trained is (estimator_steps == 0)
+    for alone, both in zip(*gradients, strict=True):
+        torch.testing.assert_close(alone, both, atol=0, rtol=0)
+
+
+@pytest.mark.parametrize(
+    ("people", "objects", "step", "expected"),
+    [(800, 600, 0, (5, 0)), (800, 600, 10, (4, 2)), (0, 600, 10, (0, 2)), (800, 0, 10, (5, 0)), (0, 0, 10, (0, 0))],
+)
+def test_a_step_shows_people_objects_and_scenes_as_the_settings_say(
+    tmp_path, monkeypatch, people, objects, step, expected
+):
+    settings = TrainingSettings(batch=8, people=people, objects=objects, objects_after=10, patch=32)
+    trainer, shown = Trainer(settings, TINY, tmp_path), []
+    trainer.step = step
+    example = Patches(*(plane[0] for plane in draw_patches(0, 1, 1, 32).planes()))
+    for kind in ("person", "object"):
+        monkeypatch.setattr(trainer, f"_{kind}_crop", lambda rng, kind=kind: (shown.append(kind), example)[1])
+    assert len(trainer._patches().rgb) == 8
+    assert (shown.count("person"), shown.count("object")) == expected
+
+
+def test_people_are_used_as_the_archive_grows(tmp_path, monkeypatch):
+    opened = []
+
+    def recorded(path):
+        opened.append(int(path.stem))
+        raise LookupError
+
+    monkeypatch.setattr(training, "await_image", recorded)
+    settings = TrainingSettings(first=16, every=3, patch=32)
+    for step, most in ((0, 16), (30, 26), (10_000, 800)):
+        trainer = Trainer(settings, TINY, tmp_path)
+        trainer.step = step
+        opened.clear()
+        for seed in range(60):
+            with pytest.raises(LookupError):
+                trainer._person_crop(np.random.default_rng(seed))
+        allowed = interleaved_people()[:most]
+        assert set(opened) <= set(allowed)
+        assert max(allowed.index(number) for number in opened) >= 0.5 * min(most, 100)
 
 
 def test_draws_are_stochastic_bounded_and_keyed_by_noise(tiny_weights):

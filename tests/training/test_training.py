@@ -4,18 +4,14 @@ import numpy as np
 import pytest
 import torch
 
-from yesnt.core.errors import CorruptError, JobError
-from yesnt.decompose import embedded
-from yesnt.decompose.embedded import EmbeddedBackend
-from yesnt.decompose.global_context import CONTEXT_SIDE, ContextBatch
-from yesnt.decompose.network import Network, NetworkShape, noised
-from yesnt.decompose.weights import PATCH, load_weights, save_weights
+from yesnt.core.errors import JobError
+from yesnt.decompose.network import NetworkShape
+from yesnt.decompose.weights import PATCH, load_weights
 from yesnt.training import trainer as training
 from yesnt.training.__main__ import main
 from yesnt.training.image_archive import interleaved_people
 from yesnt.training.losses import energy_score, estimator_loss
 from yesnt.training.synthetic.dataset import Patches, draw_patches
-from yesnt.training.synthetic.materials import CLASSES, PRIOR
 from yesnt.training.trainer import Trainer, TrainingSettings, rate_schedule, train
 
 TINY = NetworkShape(widths=(8, 8, 16), depths=(1, 1, 1), condition=8, denoiser=(8, 8))
@@ -25,26 +21,6 @@ SHORT = (
 SETTINGS = TrainingSettings(
     estimator_steps=2, denoiser_steps=1, fine_tuning_steps=1, batch=2, people=0, objects=0, patch=32
 )
-
-
-def whole(rows, order=None):
-    """Global context of `rows` patches."""
-    generator = torch.Generator().manual_seed(1)
-    picture = torch.rand(rows, 4, CONTEXT_SIDE, CONTEXT_SIDE, generator=generator)
-    place = torch.rand(rows, 3, generator=generator)
-    order = torch.arange(rows) if order is None else order
-    return ContextBatch(picture[order], place[order])
-
-
-@pytest.fixture(scope="module")
-def tiny_weights(tmp_path_factory):
-    torch.manual_seed(0)
-    network = Network(TINY)
-    for parameter in network.parameters():
-        torch.nn.init.normal_(parameter, std=0.2)
-    path = tmp_path_factory.mktemp("weights") / "tiny.safetensors"
-    save_weights(network, path, 32)
-    return path
 
 
 def test_energy_score_is_least_for_the_true_distribution():
@@ -68,13 +44,6 @@ def test_energy_score_looks_only_inside_the_matte():
     score = energy_score(*draws, matte)
     changed = [d + (1 - matte) * torch.rand_like(d) for d in draws]
     assert float(score) == pytest.approx(float(energy_score(*changed, matte)), abs=1e-6)
-
-
-def test_noising_keeps_the_variance():
-    clean, noise = torch.randn(8, 2, 64, 64), torch.randn(8, 2, 64, 64)
-    for time in (0.1, 0.5, 1.0):
-        assert float(noised(clean, noise, torch.full((8,), time)).var()) == pytest.approx(1, abs=0.05)
-    torch.testing.assert_close(noised(clean, noise, torch.ones(8)), noise, atol=1e-6, rtol=0)
 
 
 def test_estimator_loss_is_least_for_the_mean_and_the_class():
@@ -234,81 +203,3 @@ def test_people_are_used_as_the_archive_grows(tmp_path, monkeypatch):
         allowed = interleaved_people()[:most]
         assert set(opened) <= set(allowed)
         assert max(allowed.index(number) for number in opened) >= 0.5 * min(most, 100)
-
-
-def test_draws_are_stochastic_bounded_and_keyed_by_noise(tiny_weights):
-    backend = EmbeddedBackend(tiny_weights, steps=2)
-    rgb, matte = torch.rand(8, 3, 32, 32), torch.ones(8, 1, 32, 32)
-    condition = backend.encode(rgb, matte, whole(8))
-    noise = torch.randn(8, len(backend.noise_sigmas), 32, 32)
-    first = backend.sample(condition, noise)
-    assert first.shape == (8, 2, 32, 32)
-    assert 0 <= float(first.min()) <= float(first.max()) <= 1
-    assert torch.equal(first, backend.sample(condition, noise))
-    assert not torch.equal(first, backend.sample(condition, torch.randn_like(noise)))
-
-
-def test_a_row_does_not_depend_on_its_neighbours_or_on_threads(tiny_weights):
-    backend = EmbeddedBackend(tiny_weights)
-    rgb, matte = torch.rand(8, 3, 32, 32), torch.ones(8, 1, 32, 32)
-    noise = torch.randn(8, len(backend.noise_sigmas), 32, 32)
-    drawn = backend.sample(backend.encode(rgb, matte, whole(8)), noise)
-    order = torch.tensor([3, 1, 7, 0, 2, 6, 5, 4])
-    torch.testing.assert_close(
-        backend.sample(backend.encode(rgb[order], matte, whole(8, order)), noise[order]), drawn[order], atol=0, rtol=0
-    )
-    threads = torch.get_num_threads()
-    try:
-        torch.set_num_threads(2 if threads == 1 else 1)
-        torch.testing.assert_close(backend.sample(backend.encode(rgb, matte, whole(8)), noise), drawn, atol=0, rtol=0)
-    finally:
-        torch.set_num_threads(threads)
-
-
-def test_roughness_is_shrunk_to_the_prior_and_samples_keep_their_spread(tiny_weights, monkeypatch):
-    backend = EmbeddedBackend(tiny_weights, steps=2)
-    condition = backend.encode(torch.rand(8, 3, 32, 32), torch.ones(8, 1, 32, 32), whole(8))
-    noise = torch.randn(8, len(backend.noise_sigmas), 32, 32)
-    drawn, expected = backend.sample(condition, noise), backend.predict_mean(condition)
-    share = embedded.SHRINKAGE_FACTOR
-    monkeypatch.setattr(embedded, "SHRINKAGE_FACTOR", 1.0)
-    free, read = backend.sample(condition, noise), backend.predict_mean(condition)
-    assert torch.equal(drawn[:, 1], free[:, 1])
-    assert torch.equal(expected[:, 1], read[:, 1])
-    assert float(read[:, 0].std()) > 0
-    prior = embedded.PRIOR_ROUGHNESS
-    torch.testing.assert_close(expected[:, 0] - prior, share * (read[:, 0] - prior))
-    wanted = (free[:, 0] + expected[:, 0] - read[:, 0]).clamp(0, 1)
-    torch.testing.assert_close(drawn[:, 0], wanted)
-
-
-def test_the_prior_is_that_of_the_painted_classes():
-    total = sum(PRIOR.values())
-    mean = sum(weight * CLASSES[name].roughness[0] for name, weight in PRIOR.items()) / total
-    assert mean == pytest.approx(embedded.PRIOR_ROUGHNESS, abs=1e-3)
-
-
-def test_number_of_steps_is_part_of_the_version_and_of_the_noise(tiny_weights):
-    one, three = EmbeddedBackend(tiny_weights, 1), EmbeddedBackend(tiny_weights, 3)
-    assert one.nfe != three.nfe
-    assert len(three.noise_sigmas) == 3 * len(one.noise_sigmas)
-    with pytest.raises(ValueError, match="steps"):
-        EmbeddedBackend(tiny_weights, 5)
-
-
-def test_missing_and_broken_weights_have_different_errors(tmp_path):
-    with pytest.raises(JobError, match=r"yesnt\.training"):
-        load_weights(tmp_path / "absent.safetensors")
-    broken = tmp_path / "broken.safetensors"
-    broken.write_bytes(b"no safetensors")
-    with pytest.raises(CorruptError, match="restore the file"):
-        load_weights(broken)
-
-
-def test_everything_is_made_on_the_network_s_device(tiny_weights):
-    """The meta device computes nothing but refuses tensors of other devices, as CUDA would."""
-    backend = EmbeddedBackend(tiny_weights, steps=2, device="meta")
-    condition = backend.encode(torch.rand(8, 3, 32, 32), torch.ones(8, 1, 32, 32), whole(8))
-    drawn = backend.sample(condition, torch.randn(8, len(backend.noise_sigmas), 32, 32))
-    assert drawn.device.type == backend.predict_mean(condition).device.type == "meta"
-    assert drawn.shape == backend.predict_mean(condition).shape == (8, 2, 32, 32)

@@ -85,6 +85,15 @@ def test_the_predictor_is_a_perceptron_on_upsampled_features():
         torch.testing.assert_close(auxiliary(seen), wanted, atol=1e-5, rtol=1e-4)
 
 
+def test_predictions_stay_in_their_range():
+    auxiliary = AuxiliaryPredictor(6, 4).eval()
+    with torch.no_grad():
+        auxiliary.output.bias.copy_(torch.tensor([5.0, -5.0]))
+        predicted = auxiliary(image())
+    assert (predicted[:, 0] == 1).all()
+    assert (predicted[:, 1] == -1).all()
+
+
 def test_display_code_is_grey_outside_and_keeps_highlights_distinct():
     levels = torch.tensor([0.0, 0.18, 1.0, 2.0, 4.0])
     shown = display_encode(torch.cat([levels.expand(1, 3, 1, 5), torch.ones(1, 1, 1, 5)], 1))[0, 0, 0]

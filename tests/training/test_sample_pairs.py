@@ -56,6 +56,15 @@ def test_conditions_are_shared_and_smooth_noise_is_not(pairs):
     assert len({tuple(row.tolist()) for row in fields}) == 2 * ROWS
 
 
+def test_every_sample_has_smooth_noise_of_another_field():
+    pairs = SamplePairs(0, PATCH)
+    pairs._fields = torch.arange(len(pairs._fields)).float()[:, None, None, None].expand_as(pairs._fields)
+    recorder, *_ = drawn(pairs, 3)
+    fields = recorder.smooth.flatten(1).unique(dim=1)
+    assert fields.shape == (2 * ROWS, 1), "a crop of one field"
+    assert len(set(fields[:, 0].tolist())) == 2 * ROWS
+
+
 def test_noise_is_keyed_by_seed_and_step(pairs):
     for make, same in ((lambda: drawn(pairs, 3), True), (lambda: drawn(pairs, 4), False)):
         other = make()

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from tests.in_process import run_here
 from tests.tiny_shot import write_tiny_shot
-from yesnt.inspect.audit import states
+from yesnt.inspect.audit import states, verify
 from yesnt.planning.stages import DECOMPOSE
 from yesnt.report.facts import gather
 from yesnt.report.timeline import timeline_svg
@@ -34,6 +34,7 @@ def test_records_of_an_older_version_are_stale_and_say_so(tmp_path: Path) -> Non
     assert (old.state, old.why) == ("stale", "an older version of yesnt made it, as stage 'trust'")
     version = found["decompose", 1002]
     assert version.state == "stale"
+    assert not verify(Session(path)), "a record of another version is stale, not damaged"
     assert version.why == "another version of yesnt made it: the stage's version was 3, is 4"
 
 

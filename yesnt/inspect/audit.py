@@ -98,16 +98,15 @@ def verify(session: Session) -> list[Damage]:
     """
     graph = session.graph()
     store = FrameStore(session.output.store)
-    return [
-        damage for node in graph for frame in node.frames for damage in _check(session, store, node.stage.label, frame)
-    ]
+    return [damage for node in graph for frame in node.frames for damage in _check(session, store, node, frame)]
 
 
-def _check(session: Session, store: FrameStore, stage: str, frame: int) -> Iterator[Damage]:
+def _check(session: Session, store: FrameStore, node: Node, frame: int) -> Iterator[Damage]:
+    stage = node.stage.label
     if not session.book.path(stage, frame).exists():
         return
     record = session.book.find(stage, frame)
-    if record is None or key_of(record.fields) != record.key:
+    if record is None or (_of_this_version(record, node) and key_of(record.fields) != record.key):
         yield Damage(stage, frame, "its record is damaged")
         return
     yield from _check_arrays(session, store, record)
@@ -117,6 +116,11 @@ def _check(session: Session, store: FrameStore, stage: str, frame: int) -> Itera
             yield Damage(stage, frame, f"{name} is missing")
         elif file_digest(path) != digest:
             yield Damage(stage, frame, f"{name} is not the file that was committed")
+
+
+def _of_this_version(record: Record, node: Node) -> bool:
+    """Whether a record's key is made by today's rules; one of another version is stale, not damaged."""
+    return bool(record.fields.get("version") == node.fields["version"])
 
 
 def _check_arrays(session: Session, store: FrameStore, record: Record) -> Iterator[Damage]:

@@ -11,10 +11,20 @@ import time
 from pathlib import Path
 
 import pytest
+import typer
+from typer.testing import CliRunner
 
 from tests.tiny_shot import write_tiny_shot
+from yesnt.cli.app import app
+from yesnt.core.errors import JobError, UsageError
 
-VERBS = ("demo", "init", "plan", "run", "status", "retry", "verify", "report", "explain", "stage", "eval", "doctor")
+READERS_OF_A_SHOT = (
+    ("plan",), ("run",), ("status",), ("retry",), ("verify",), ("report",), ("explain", "1001"), ("trade",),
+)  # fmt: skip
+"""Verbs of the contract that begin by reading a job file, with their further arguments."""
+
+TESTED_ELSEWHERE = {"demo", "init", "doctor", "eval", "stage"}
+"""Verbs whose work a test below, or a test of their own folder, covers."""
 
 
 def yesnt(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
@@ -22,10 +32,31 @@ def yesnt(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, timeout=200)
 
 
-def test_help_names_every_verb() -> None:
-    done = yesnt("--help")
-    assert done.returncode == 0
-    assert all(verb in done.stdout for verb in VERBS)
+def called(*arguments: str | Path) -> BaseException | None:
+    """What a command raises, in this process."""
+    return CliRunner().invoke(app, list(map(str, arguments)), standalone_mode=False).exception
+
+
+@pytest.mark.parametrize("verb", READERS_OF_A_SHOT, ids=lambda verb: verb[0])
+def test_verbs_of_a_shot_read_its_job_file_first(verb: tuple[str, ...], tmp_path: Path) -> None:
+    name, *more = verb
+    error = called(name, tmp_path / "absent", *more)
+    assert isinstance(error, JobError)
+    assert str(error).startswith("The job file is missing. Where: ")
+
+
+def test_verbs_that_need_other_folders_refuse_what_is_not_there(tmp_path: Path) -> None:
+    error = called("eval", tmp_path, "--output", tmp_path / "out")
+    assert isinstance(error, UsageError)
+    assert "no shot with truth" in str(error)
+    error = called("stage", "nothing", "--out", tmp_path, "--cache", tmp_path)
+    assert isinstance(error, UsageError)
+    assert "No set 'nothing'" in str(error)
+
+
+def test_every_verb_is_tested() -> None:
+    """A verb that is added is added here too, with what it does."""
+    assert set(typer.main.get_command(app).commands) == {name for name, *_ in READERS_OF_A_SHOT} | TESTED_ELSEWHERE
 
 
 @pytest.mark.parametrize(

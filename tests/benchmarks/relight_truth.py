@@ -20,11 +20,11 @@ from yesnt.relight import EnvMap, prepare_capture, prepare_relight, relight_fram
 
 def render_clean(options):
     """One frame of a set under all its lights, with more samples than the set has."""
-    from yesnt.capture_stage.jobs import stage_jobs
+    from yesnt.capture_stage.jobs import render_jobs
     from yesnt.capture_stage.render import render
     from yesnt.capture_stage.tools import find_tools
 
-    job = next(j for j in stage_jobs(options.set) if j.subject == options.subject and options.frame in j.frames)
+    job = next(j for j in render_jobs(options.set) if j.subject == options.subject and options.frame in j.frames)
     job = replace(job, frames=(options.frame,), samples=options.samples)
     receipt = render(job, options.out, find_tools(options.out / "cache"))
     print(f"{receipt.rendered} pictures, {receipt.seconds:.0f} s")

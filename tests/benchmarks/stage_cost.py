@@ -11,7 +11,7 @@ import json
 from collections import defaultdict
 from pathlib import Path
 
-from yesnt.capture_stage.jobs import SETS, stage_jobs
+from yesnt.capture_stage.jobs import SETS, render_jobs
 
 
 def main():
@@ -25,7 +25,7 @@ def main():
         spent[receipt["job"]["set_name"]][receipt["key"]] = receipt.get("cpu_seconds") or 0.0
     total = 0.0
     for name in SETS:
-        keys = [job.key for job in stage_jobs(name)]
+        keys = [job.key for job in render_jobs(name)]
         known = [spent[name][key] for key in keys if key in spent[name]]
         if not known:
             print(f"{name:10s} nothing rendered")

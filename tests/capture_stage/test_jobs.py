@@ -8,14 +8,14 @@ import pytest
 
 from yesnt.capture_stage.assets import MANIFEST
 from yesnt.capture_stage.cameras import look_at
-from yesnt.capture_stage.jobs import CAPTURE, SETS, RenderJob, stage_jobs
+from yesnt.capture_stage.jobs import CAPTURE, SETS, RenderJob, render_jobs
 from yesnt.capture_stage.subjects import SUBJECTS, Human, Model, Shape
 from yesnt.capture_stage.tools import BLENDER_VARIABLE, find_tools
 from yesnt.core.errors import MissingPartError, UsageError
 
 
 def test_objects_are_ten_by_eleven():
-    jobs = stage_jobs("objects")
+    jobs = render_jobs("objects")
     assert len({job.subject for job in jobs}) == 10
     assert all(len([light for light in job.lights if light != CAPTURE]) == 11 for job in jobs)
     kinds = [SUBJECTS[job.subject] for job in jobs]
@@ -25,19 +25,19 @@ def test_objects_are_ten_by_eleven():
 
 
 def test_sequences_are_three_by_twenty_four_by_three():
-    jobs = stage_jobs("sequences")
+    jobs = render_jobs("sequences")
     frames = {(job.subject, frame) for job in jobs for frame in job.frames}
     assert len(frames) == sum(len(job.frames) for job in jobs) == 3 * 24
     assert all(len(job.lights) == 1 + 3 for job in jobs)
 
 
 def test_rings_hold_24_cameras_that_see_the_subject_from_all_sides():
-    jobs = [job for job in stage_jobs("multiview") if job.subject == "boxer"]
+    jobs = [job for job in render_jobs("multiview") if job.subject == "boxer"]
     positions = np.array([job.pose(frame)[:3, 3] for job in jobs for frame in job.frames])
     assert len(positions) == 24
     azimuths = np.sort(np.degrees(np.arctan2(positions[:, 1], positions[:, 0])) % 360)
     assert np.allclose(np.diff(azimuths), 15)
-    held_out = [job.pose(frame)[:3, 3] for job in stage_jobs("heldout") for frame in job.frames]
+    held_out = [job.pose(frame)[:3, 3] for job in render_jobs("heldout") for frame in job.frames]
     assert min(np.linalg.norm(p - q) for p in positions for q in held_out) > 0.2
 
 
@@ -47,7 +47,7 @@ def test_the_embedded_shot_is_in_no_set_that_is_evaluated():
 
 
 def test_small_objects_need_nothing_fetched():
-    jobs = stage_jobs("objects", small=True)
+    jobs = render_jobs("objects", small=True)
     assert len(jobs) == 2
     assert all(job.lights == (CAPTURE, "sky", "studio") and job.width == job.height == 64 for job in jobs)
     assert all(isinstance(SUBJECTS[job.subject], Shape) for job in jobs)
@@ -55,7 +55,7 @@ def test_small_objects_need_nothing_fetched():
 
 @pytest.mark.parametrize("name", sorted(SETS))
 def test_jobs_survive_json_and_have_keys_of_their_own(name):
-    jobs = (*stage_jobs(name), *stage_jobs(name, small=True))
+    jobs = (*render_jobs(name), *render_jobs(name, small=True))
     back = [RenderJob.from_json(json.loads(json.dumps(job.to_json()))) for job in jobs]
     assert back == list(jobs)
     assert [job.key for job in back] == [job.key for job in jobs]
@@ -63,20 +63,20 @@ def test_jobs_survive_json_and_have_keys_of_their_own(name):
 
 
 def test_a_key_changes_with_what_decides_the_pixels():
-    job = stage_jobs("objects")[0]
+    job = render_jobs("objects")[0]
     changed = [dataclasses.replace(job, samples=job.samples + 1), dataclasses.replace(job, lights=(CAPTURE,))]
     assert len({job.key, *(other.key for other in changed)}) == 3
 
 
 def test_keys_are_the_same_in_another_process():
-    code = "from yesnt.capture_stage.jobs import stage_jobs; print(stage_jobs('sequences')[3].key)"
+    code = "from yesnt.capture_stage.jobs import render_jobs; print(render_jobs('sequences')[3].key)"
     other = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert other.stdout.strip() == stage_jobs("sequences")[3].key
+    assert other.stdout.strip() == render_jobs("sequences")[3].key
 
 
 def test_unknown_sets_are_refused():
     with pytest.raises(UsageError, match="objects"):
-        stage_jobs("nothing")
+        render_jobs("nothing")
 
 
 def test_every_model_is_in_the_manifest_with_licence_and_digest():

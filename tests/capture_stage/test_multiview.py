@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from yesnt.capture_stage.jobs import stage_jobs
+from yesnt.capture_stage.jobs import render_jobs
 from yesnt.capture_stage.render import render
 from yesnt.core.camera import Camera
 from yesnt.core.errors import MissingPartError
@@ -35,7 +35,7 @@ def _base_color(folder, frame):
 
 
 def test_a_point_of_one_view_lies_where_the_other_camera_says(tools, tmp_path):
-    job = stage_jobs("multiview", small=True)[0]
+    job = render_jobs("multiview", small=True)[0]
     try:
         receipt = render(job, tmp_path, tools)
     except MissingPartError as error:

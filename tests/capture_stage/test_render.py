@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from yesnt.capture_stage.jobs import stage_jobs
+from yesnt.capture_stage.jobs import render_jobs
 from yesnt.capture_stage.reference import fill_outwards
 from yesnt.capture_stage.render import find_receipt, render
 from yesnt.capture_stage.shotfiles import shot_folder
@@ -36,7 +36,7 @@ def fake(tmp_path, counter):
 
 @pytest.fixture
 def job():
-    return stage_jobs("objects", small=True)[0]
+    return render_jobs("objects", small=True)[0]
 
 
 def _bytes(folder):
@@ -106,7 +106,7 @@ def test_a_damaged_record_is_no_record(job, fake, tmp_path):
 
 
 def test_the_reference_completes_a_shot_and_needs_it(fake, tmp_path):
-    reference, job = (stage_jobs(name, small=True)[0] for name in ("reference", "objects"))
+    reference, job = (render_jobs(name, small=True)[0] for name in ("reference", "objects"))
     with pytest.raises(JobError, match="render its set first"):
         render(reference, tmp_path / "out", fake)
     shot = render(job, tmp_path / "out", fake)
@@ -134,11 +134,11 @@ def test_without_anny_the_error_says_how_to_get_it(fake, tmp_path):
 
 @pytest.mark.blender
 def test_the_small_objects_render_and_render_the_same(tools, tmp_path):
-    jobs = stage_jobs("objects", small=True)
+    jobs = render_jobs("objects", small=True)
     first = [render(job, tmp_path / "first", tools) for job in jobs]
     assert [receipt.rendered for receipt in first] == [PER_JOB] * len(jobs)
     assert render(jobs[0], tmp_path / "second", tools).files == first[0].files
-    reference = stage_jobs("reference", small=True)[0]
+    reference = render_jobs("reference", small=True)[0]
     folder = Path(render(reference, tmp_path / "first", tools).folder)
     matte, proxy = (read_image(folder / "truth" / f"{k}_studio.1001.exr").stack("RGBA") for k in ("relit", "proxy"))
     assert np.abs(matte[..., 3] - proxy[..., 3]).mean() < 0.01  # the mesh lies where the shot does

@@ -6,7 +6,7 @@ import argparse
 import logging
 from pathlib import Path
 
-from yesnt.capture_stage.jobs import SETS, stage_jobs
+from yesnt.capture_stage.jobs import SETS, render_jobs
 from yesnt.capture_stage.render import render
 from yesnt.capture_stage.tools import find_tools
 
@@ -26,7 +26,7 @@ def main() -> None:
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
     tools = find_tools(arguments.cache, arguments.threads, arguments.nice)
     for set_name in arguments.set_names:
-        jobs = stage_jobs(set_name, arguments.small)
+        jobs = render_jobs(set_name, arguments.small)
         for number, job in enumerate(jobs, 1):
             receipt = render(job, arguments.out, tools)
             _LOG.info(

@@ -29,7 +29,7 @@ _NPM_MAPS = ("lobby", "bridge", "warehouse")
 
 @dataclass(frozen=True)
 class CameraPath:
-    """A camera on a sphere about the subject, in degrees; 0 looks at a subject's face, positive goes to its left."""
+    """A camera on a sphere about the subject, angles in degrees; 0 faces the subject, positive moves to its left."""
 
     start: float = 0.0
     step: float = 0.0
@@ -151,7 +151,7 @@ class RenderJob:
 
     @property
     def focal(self) -> float:
-        """Fx = fy in pixels."""
+        """Focal length in pixels, fx = fy."""
         return SETS[self.set_name].field * self.height
 
     def pose(self, frame: int) -> Matrix:
@@ -161,7 +161,7 @@ class RenderJob:
         return stage_set.path.pose(frame - stage_set.frames[0], stage_set.field * shown, subject.middle)
 
     def seconds(self, frame: int) -> float:
-        """Moment of the subject's motion at a frame."""
+        """Time of the subject's motion at a frame, in seconds."""
         stage_set = SETS[self.set_name]
         return (frame - stage_set.frames[0]) / FRAMES_PER_SECOND if stage_set.moving else 0.0
 
@@ -175,8 +175,8 @@ class RenderJob:
         return cls(**{**data, "frames": tuple(data["frames"]), "lights": tuple(data["lights"])})
 
 
-def stage_jobs(set_name: str, small: bool = False) -> tuple[RenderJob, ...]:
-    """Every job of a set, in the order in which pictures are wanted.
+def render_jobs(set_name: str, small: bool = False) -> tuple[RenderJob, ...]:
+    """Every job of a set, in rendering order.
 
     Args:
         set_name: "embedded", "objects", "reference", "sequences", "multiview" or "heldout".

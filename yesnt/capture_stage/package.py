@@ -1,4 +1,4 @@
-"""The embedded shot: a finished shot made small enough to ship inside the package."""
+"""Packs a finished shot into the package as the embedded shot, with reduced precision to save space."""
 
 from __future__ import annotations
 

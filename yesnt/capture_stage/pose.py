@@ -102,7 +102,7 @@ def forward_kinematics(body: Body, pose: Pose) -> tuple[Array, Array]:
 
 
 def arm(body: Body, side: str, lower: float, forward: float, across: float, elbow: float) -> dict[str, Array]:
-    """Shoulder and elbow by what they do to the arm, all in degrees.
+    """Rotations of shoulder and elbow, from anatomical angles in degrees.
 
     Args:
         body: the rest body, whose arms hang about 45 degrees out.

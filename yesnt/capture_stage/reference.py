@@ -1,4 +1,4 @@
-"""The reference that compositors know: the proxy mesh, coloured by projecting the plate, relit in Cycles."""
+"""The compositor's reference method: the proxy mesh, coloured by projecting the plate, relit in Cycles."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ _RECORDS = "stage"
 
 @dataclass(frozen=True)
 class Receipt:
-    """What a job left behind.
+    """Result of a render job.
 
     Attributes:
         key: of the job.
@@ -62,7 +62,7 @@ def find_receipt(job: RenderJob, out_dir: Path) -> Receipt | None:
 
 
 def render(job: RenderJob, out_dir: Path, tools: Tools) -> Receipt:
-    """Makes the files of a job; idempotent and resumable, safe to be killed at any moment.
+    """Makes the files of a job; idempotent, resumable, and safe to kill at any time.
 
     Args:
         job: what to render.
@@ -114,7 +114,7 @@ def _digest(path: Path) -> str:
 
 
 def _renders(job: RenderJob, raw: Path, tools: Tools) -> list[dict[str, Any]]:
-    """What Blender is to write, frame by frame so that its scene stays loaded from light to light."""
+    """The images that Blender renders, frame by frame, so that the scene stays loaded for all lights."""
     out: list[dict[str, Any]] = []
     for frame in job.frames:
         if CAPTURE in job.lights:
@@ -139,7 +139,7 @@ def _limited(light: str, bounces: int) -> str:
 
 
 def _is_whole(path: Path) -> bool:
-    """A raw picture is renamed when Blender has closed it; one that does not decode all the same is made again."""
+    """Whether a raw picture exists and decodes; otherwise it is rendered again."""
     if not path.exists():
         return False
     try:

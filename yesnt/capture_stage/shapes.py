@@ -1,4 +1,4 @@
-"""Surfaces made by formula: a drape, a knot, a vase. Vertices in metres, quads, and fields for painting."""
+"""Procedural surfaces: a drape, a knot, a vase. Vertices in metres, quads, and per-vertex fields for materials."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from yesnt.io.durable import write_bytes, write_json
 
 
 def shot_folder(job: RenderJob, out_dir: Path) -> Path:
-    """Where a job's shot lies: `out_dir/SET/SUBJECT`, and `out_dir/SET-small/SUBJECT` for the small ones."""
+    """Folder of a job's shot: `out_dir/SET/SUBJECT`, and `out_dir/SET-small/SUBJECT` for the small ones."""
     home = SETS[job.set_name].completes or job.set_name
     return Path(out_dir) / (f"{home}-small" if _is_small(job) else home) / job.subject
 

@@ -22,7 +22,7 @@ DEFAULT_ANNY = ".venv-anny/bin/python"
 
 @dataclass(frozen=True)
 class Tools:
-    """What the stage starts, and where it keeps what it fetched.
+    """Programs that the capture stage runs, and the folder of its fetched files.
 
     Attributes:
         blender: a Python that has `bpy`, or a Blender program.
@@ -40,7 +40,7 @@ class Tools:
 
 
 def find_tools(cache: Path, threads: int = 1, niceness: int = 0) -> Tools:
-    """Blender from YESNT_BLENDER, else `.venv-blender` in the present folder, else `blender` on the path.
+    """Blender from YESNT_BLENDER, else `.venv-blender` in the current folder, else `blender` on the path.
 
     Raises:
         MissingPartError: there is none of them.

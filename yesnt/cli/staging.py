@@ -18,16 +18,16 @@ def drive_stage(sets: list[str], out: Path, cache: Path, small: bool, workers: i
     from yesnt.capture_stage.jobs import SETS
     from yesnt.capture_stage.tools import find_tools
     from yesnt.cli.progress import BarProgress, LineProgress
-    from yesnt.runtime.capture_stage_run import StageContext, run_stage
+    from yesnt.runtime.capture_stage_run import CaptureStageContext, run_capture_stage
     from yesnt.runtime.cluster import ClusterSpec
 
     unknown = sorted(set(sets) - set(SETS))
     if unknown:
         raise UsageError(f"No set {unknown[0]!r}", "yesnt stage", f"one of {', '.join(SETS)}", "check its spelling")
-    context = StageContext(str(out.absolute()), find_tools(cache.absolute()))
+    context = CaptureStageContext(str(out.absolute()), find_tools(cache.absolute()))
     progress = BarProgress() if sys.stdout.isatty() else LineProgress()
     with progress:
-        outcome = run_stage(sets, context, small, ClusterSpec(cluster, workers), progress)
+        outcome = run_capture_stage(sets, context, small, ClusterSpec(cluster, workers), progress)
     for node, reason in {**outcome.failed, **outcome.dead}.items():
         print(f"Failed: {node}: {reason}")
     print(f"Sets: {', '.join(str(out / name) for name in sets)}")

@@ -1,4 +1,4 @@
-"""The numbers of a run: states, times, memory, solver, what every task took."""
+"""The numbers of a run: states of frames, times, memory, solver, network evaluations, timeline."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from yesnt.runtime.session import Session
 
 
 def gather(session: Session) -> dict[str, Any]:
-    """A plain document with everything that the page shows in numbers."""
+    """All numbers of the page as plain JSON data."""
     graph = session.graph()
     found = states(session, graph)
     counts = Counter((StageId.parse(s.stage).name, s.state) for s in found)
@@ -60,7 +60,7 @@ def _solver(facts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def _sampling(records: Sequence[Any]) -> dict[str, Any]:
-    """Network evaluations in all, and of the cheapest and the dearest frame."""
+    """Network evaluations in all, and of the cheapest and the most expensive frame."""
     spent = [record.facts["nfe"] for record in records if "nfe" in record.facts]
     if not spent:
         return {}

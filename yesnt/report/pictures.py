@@ -1,4 +1,4 @@
-"""The pictures of the report: a strip through the stages, slices through time, where the ensemble was unsure."""
+"""Pictures of the report: stages side by side, slices through time, network evaluations per pixel."""
 
 from __future__ import annotations
 

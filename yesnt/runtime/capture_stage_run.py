@@ -17,28 +17,28 @@ from yesnt.planning.task_records import RenderTask
 from yesnt.runtime.cluster import ClusterSpec, address_of, dashboard_of, open_cluster
 from yesnt.runtime.driver import Driver, DriverSettings, Outcome
 from yesnt.tasks.memory import peak_bytes
-from yesnt.workflows.stage import stage_graph
+from yesnt.workflows.capture_stage import capture_stage_graph
 
 Listener = Callable[[Mapping[str, Any]], None]
 
 
 @dataclass(frozen=True)
-class StageContext:
+class CaptureStageContext:
     """What every render task is told: the root of all sets, and the programs that render."""
 
     out: str
     tools: Tools
 
 
-def run_stage(
-    set_names: Sequence[str], context: StageContext, small: bool, cluster: ClusterSpec, listen: Listener
+def run_capture_stage(
+    set_names: Sequence[str], context: CaptureStageContext, small: bool, cluster: ClusterSpec, listen: Listener
 ) -> Outcome:
     """Renders what is missing of some sets; a set that builds on another comes after it.
 
     Raises:
         ClusterLostError: the scheduler vanished; finished pictures stay.
     """
-    graph = stage_graph(set_names, small)
+    graph = capture_stage_graph(set_names, small)
     book = RecordBook(Path(context.out) / "records")
     _forget_damaged(book, graph, Path(context.out))
     driver = Driver(context, graph, book, render_node, DriverSettings(), listen)
@@ -51,7 +51,7 @@ def run_stage(
         return driver.run(client)
 
 
-def render_node(context: StageContext, node: Node) -> dict[str, Any]:
+def render_node(context: CaptureStageContext, node: Node) -> dict[str, Any]:
     """One Blender start: a job of the stage; twice, or after a kill, it leaves the same files."""
     began = time.perf_counter()
     assert isinstance(node.task, RenderTask)

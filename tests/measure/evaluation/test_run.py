@@ -107,7 +107,7 @@ def test_a_second_run_does_nothing_and_a_new_truth_redoes_its_map_alone(shot, tm
     path = shot / "truth" / "relit_noon.1001.exr"
     picture = read_image(path).stack("RGBA")
     write_exr(path, {**rgb(picture[..., :3] * 0.9), "A": picture[..., 3]})
-    changed = _fresh(run_evaluation, shot, tmp_path / "out", listen)
+    changed = run_evaluation(shot, tmp_path / "out", HERE, listen)
     assert ran
     assert all("dusk" not in stage for stage in ran)
     assert changed.document["cells"]["full"] != first.document["cells"]["full"]
@@ -144,7 +144,7 @@ def test_new_materials_leave_rows_without_decomposition_as_they_are(shot, tmp_pa
     run_evaluation(shot, tmp_path / "out", HERE)
     path = shot / "passes.1001.exr"
     write_exr(path, {n: np.sqrt(read_image(path).stack([n])[..., 0]) for n in ("roughness.Y", "metallic.Y")})
-    _fresh(run_evaluation, shot, tmp_path / "out", listen)
+    run_evaluation(shot, tmp_path / "out", HERE, listen)
     assert "score.noon" in ran
     assert not [stage for stage in ran if stage.startswith(("independent", "search"))]
 
@@ -181,14 +181,6 @@ def test_workers_give_the_same_numbers(evaluated, tmp_path):
     there = run_evaluation(folder, tmp_path / "out", EvalOptions(workers=1))
     assert there.failed == {}
     assert there.document["cells"] == here.document["cells"]
-
-
-def _fresh(call, shot, output, listen):
-    """Digests of truth are remembered for the life of a process; a new run is a new process."""
-    from yesnt.measure.evaluation import plan
-
-    plan._digest.cache_clear()
-    return call(shot, output, HERE, listen)
 
 
 def test_unmodelled_effects_are_measured_from_truths_that_end_early_and_from_variants(shot, tmp_path):

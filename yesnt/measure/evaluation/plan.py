@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from yesnt.core.stage_id import StageId
-from yesnt.io.file_digests import file_digest
+from yesnt.io.file_digests import file_digest, file_identity
 from yesnt.io.records import digest_of
 from yesnt.measure.evaluation.nets import stlpips_weights
 from yesnt.measure.evaluation.rows import ROWS, TRUE_SOLVES, Row
@@ -298,6 +298,12 @@ class EvalPlan:
         return Node(stage, index, frames, fields, tuple(dict.fromkeys(node.id for node in needs)), task)
 
 
-@lru_cache(maxsize=100_000)
 def _digest(path: Path) -> str:
+    return _digest_of(path, file_identity(path))
+
+
+@lru_cache(maxsize=100_000)
+def _digest_of(path: Path, identity: tuple[int, ...]) -> str:
+    """Digest of a file with this size and time; another file under the same path is read again."""
+    del identity
     return file_digest(path)

@@ -1,4 +1,4 @@
-"""One frame of a shot as the relighting kernels want it, and a row's relit picture of it."""
+"""The inputs of one frame of a shot, cached in a worker, and the relit picture of any row."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class CachingProxy(ProxyScene):
         return {}
 
     def first_hits(self, origins: F32, directions: F32) -> NDArray[np.int32]:
-        """As `ProxyScene.first_hits`, bit for bit."""
+        """Triangle indices as from `ProxyScene.first_hits`, bit for bit."""
         key = _digest(origins, directions)
         hits = self._cache.pop(key, None)
         if hits is None:
@@ -58,7 +58,7 @@ def _digest(*arrays: NDArray[np.floating]) -> bytes:
 
 @dataclass(frozen=True)
 class Scene:
-    """The inputs of one frame, whatever lights it.
+    """The inputs of one frame that do not depend on the new light; relights the frame for any row.
 
     Attributes:
         job: of the shot.
@@ -84,7 +84,7 @@ class Scene:
         """Straight radiance [H, W, 3] of a row.
 
         Args:
-            row: how the picture is made.
+            row: materials, proxy and settings of the picture.
             planes: [2, H, W] roughness and metallic.
             env: file of the light, in Blender's convention.
             true_base: [H, W, 3] base colour, for rows that are given it.
@@ -102,7 +102,7 @@ class Scene:
         return relit.radiance
 
     def _known_base(self, key: Any) -> F32 | None:
-        """Base colour [H, W, 3] that was found before; kept as the shaded pixels alone, to save memory."""
+        """Cached base colour [H, W, 3] or None; only the shaded pixels are kept, to save memory."""
         if key not in self._bases:
             return None
         base = np.zeros((*self.matte.shape, 3), np.float32)
@@ -130,11 +130,11 @@ class Scene:
 
 @dataclass(frozen=True)
 class SceneKey:
-    """What a scene is known by.
+    """Key of a scene in a worker's cache.
 
     Attributes:
-        digest: of the job's place and of every file that the scene reads.
-        frame: its number.
+        digest: of the job's folder and of every file that the scene reads.
+        frame: frame number.
         stride: as for `Scene`.
         job: of the shot.
     """
@@ -147,7 +147,7 @@ class SceneKey:
 
 @lru_cache(maxsize=1)
 def open_scene(key: SceneKey) -> Scene:
-    """A frame that stays in the worker from map to map."""
+    """The scene of a key; the latest one stays in the worker from map to map."""
     return Scene(key.job, key.frame, key.stride)
 
 

@@ -51,7 +51,7 @@ def run_trade(session: Session, options: TradeOptions, listen: Listener = lambda
     steps = (1, 2, 4) if session.job.shot.decompose.backend == "embedded" else ()
     points, tried = [], variants(steps)
     base = next(v for v in tried if v.stage == "decompose")
-    measure = _Bench(harness, base)
+    measure = _VariantRunner(harness, base)
     for stage in dict.fromkeys(v.stage for v in tried):
         of_stage = [v for v in tried if v.stage == stage]
         reference, cost = measure(of_stage[-1])
@@ -77,7 +77,7 @@ def run_trade(session: Session, options: TradeOptions, listen: Listener = lambda
     return document | {"files": [str(folder / "trade.json"), str(folder / "trade.svg")]}
 
 
-class _Bench:
+class _VariantRunner:
     """Runs a variant; results of the other stages are cached."""
 
     def __init__(self, harness: Harness, base: Variant) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from yesnt.capture_stage.jobs import stage_jobs
+from yesnt.capture_stage.jobs import render_jobs
 from yesnt.core.stage_id import StageId
 from yesnt.planning.graph import Graph, Node
 from yesnt.planning.task_records import RenderTask
@@ -15,10 +15,10 @@ BUILDS_ON = {"reference": "objects"}
 """The reference row relights the proxy meshes that the objects set leaves."""
 
 
-def stage_graph(set_names: Sequence[str], small: bool) -> Graph:
+def capture_stage_graph(set_names: Sequence[str], small: bool) -> Graph:
     """One node a render job."""
     ordered = sorted(dict.fromkeys(set_names), key=lambda name: name in BUILDS_ON)
-    jobs = [job for name in ordered for job in stage_jobs(name, small)]
+    jobs = [job for name in ordered for job in render_jobs(name, small)]
     first = {(job.set_name, job.subject): i for i, job in reversed(list(enumerate(jobs)))}
     nodes = []
     for i, job in enumerate(jobs):

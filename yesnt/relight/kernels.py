@@ -153,7 +153,7 @@ def _sum_pixel(p, points, texels, clusters, occlusion, sampling, scratch, sums):
     scale_lobes(sums)
 
 
-@kernel
+@inlined
 def _read_hidden(hidden, p, row):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Writes which clusters are occluded for pixel p to `row` [C] and returns how many."""
     count = 0
@@ -179,7 +179,7 @@ def _add_diffuse(texels, clusters, scratch, diffuse, widen, sampling, sums):  # 
     _add_blocks(texels, scratch, used, count, Lobes(diffuse, _NO, _NO, _NO), widen, sums)
 
 
-@kernel
+@inlined
 def _add_whole_clusters(rows, scratch, lobes, widen, sums):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Adds visible clusters of level -1. All clusters are summed, the others without light and solid angle.
 
@@ -218,7 +218,7 @@ def _copy_block(source, block, target, at):  # type: ignore[no-untyped-def]  # n
         target[k, at], target[k, at + _1], target[k, at + _2], target[k, at + _3] = one, two, three, four
 
 
-@kernel
+@inlined
 def _add_occluded(p, rows, indirect, scratch, lobes, widen, sums):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Adds occluded clusters, one direction each: indirect radiance to what is lit, their light to the open sums."""
     hidden, occluded, open_ = scratch.state.hidden, scratch.occluded, scratch.open

@@ -8,13 +8,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from yesnt.core.compiled import compiled
 from yesnt.core.errors import JobError
+from yesnt.relight.compiled import exact_entry
 from yesnt.relight.lights import Clusters
 from yesnt.relight.predict import bounces_worth
 
@@ -120,10 +120,9 @@ class ProxyScene:
         step = max(1, _RAYS // clusters)
         for first in range(0, count, step):
             part = slice(first, min(first + step, count))
-            where, start, along = _rays(
-                origins[part], normals[part], light.direction, light.reach, nothing if wanted is None else wanted[part]
-            )
-            hits[part].reshape(-1)[where] = self.first_hits(start, along)
+            asked = nothing if wanted is None else wanted[part]
+            rays = _rays(origins[part], normals[part], light, asked)
+            hits[part].reshape(-1)[rays.place] = self.first_hits(rays.origins, rays.directions)
         return hits
 
     def gather(self, light: Clusters, albedo: F32, bounces: int, offset: float, error: float = 0.0) -> tuple[F32, I32]:
@@ -179,13 +178,32 @@ class ProxyScene:
         return known[nearest].astype(np.float32)
 
 
-@compiled(error_model="numpy")
-def _rays(origins, normals, directions, reach, wanted):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Rays of points [P, 3] to clusters [3, C] above the horizon: flat index [R], origins, unit directions [R, 3]."""
+class ClusterRays(NamedTuple):
+    """R rays of points towards light clusters.
+
+    Attributes:
+        place: [R] flat index into [P, C].
+        origins: [R, 3] world metres.
+        directions: [R, 3] unit, world.
+    """
+
+    place: NDArray[np.int64]
+    origins: F32
+    directions: F32
+
+
+def _rays(origins: F32, normals: F32, light: Clusters, wanted: NDArray[np.bool_]) -> ClusterRays:
+    """Rays of points [P, 3] towards the clusters above their horizon, of those that are wanted ([0, 0]: all)."""
+    most = len(origins) * len(light)
+    rays = ClusterRays(np.empty(most, np.int64), np.empty((most, 3), np.float32), np.empty((most, 3), np.float32))
+    used = _write_rays(origins, normals, light.direction, light.reach, wanted, rays)
+    return ClusterRays(rays.place[:used], rays.origins[:used], rays.directions[:used])
+
+
+@exact_entry
+def _write_rays(origins, normals, directions, reach, wanted, rays):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Writes the rays and returns how many there are."""
     count, clusters = origins.shape[0], directions.shape[1]
-    where = np.empty(count * clusters, dtype=np.int64)
-    start = np.empty((count * clusters, 3), dtype=np.float32)
-    along = np.empty((count * clusters, 3), dtype=np.float32)
     n = 0
     for p in range(count):
         for c in range(clusters):
@@ -199,12 +217,12 @@ def _rays(origins, normals, directions, reach, wanted):  # type: ignore[no-untyp
             lift = max(np.float32(_LIFT) - cosine, np.float32(0))
             length = np.float32(0)
             for k in range(3):
-                along[n, k] = directions[k, c] + lift * normals[p, k]
-                length += along[n, k] ** 2
+                rays.directions[n, k] = directions[k, c] + lift * normals[p, k]
+                length += rays.directions[n, k] ** 2
             length = np.sqrt(length)
             for k in range(3):
-                along[n, k] /= length
-                start[n, k] = origins[p, k]
-            where[n] = p * clusters + c
+                rays.directions[n, k] /= length
+                rays.origins[n, k] = origins[p, k]
+            rays.place[n] = p * clusters + c
             n += 1
-    return where[:n], start[:n], along[:n]
+    return n

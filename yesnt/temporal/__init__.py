@@ -1,4 +1,4 @@
-"""Flow, energy and solver: materials that are stable in time (method.md section 4)."""
+"""Temporal regularisation of materials: flow, energy, solver (docs/method.md section 4)."""
 
 from yesnt.temporal.blocks import (
     BlockLists,

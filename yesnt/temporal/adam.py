@@ -1,4 +1,4 @@
-"""The paper's solver: Adam with default parameters on all pixels at once (Implementation Details), for comparison."""
+"""The paper's solver for comparison: Adam with default parameters on all pixels (Implementation Details)."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ import numpy as np
 from yesnt.temporal.newton import Array, Limits, NewtonSolver, Problem, State
 
 DEFAULT_RATE = 1e-3
-"""Adam's default learning rate, which the paper uses; too small for this energy, see docs/temporal.md."""
+"""Default learning rate of Adam, which the paper uses; too small for this energy, see docs/temporal.md."""
 
 
 def solve_adam(problem: Problem, start: Array, limits: Limits, rate: float = DEFAULT_RATE, every: int = 10) -> State:
     """Minimises F with Adam (Kingma and Ba 2015, algorithm 1: beta 0.9 and 0.999, epsilon 1e-8).
 
     Args:
-        problem: one channel.
-        start: [N] first value.
-        limits: `outer` counts blocks of `every` steps, after each of which the gap is certified.
+        problem: energy of one channel.
+        start: [N] initial value.
+        limits: `outer` counts blocks of `every` steps; the gap is certified after each.
         rate: constant learning rate.
-        every: steps between certificates; their cost is not the paper's.
+        every: steps between two certificates, which the paper's solver does not compute.
 
     Returns:
-        The best state that a certificate saw.
+        The state of lowest energy among the certified ones.
     """
     solver = NewtonSolver(problem)
     x, mean, square = start.copy(), np.zeros_like(start), np.zeros_like(start)

@@ -1,18 +1,18 @@
-"""Solving a long sequence in blocks: how far a block must look, and the exchange that makes the blocks one solve.
+"""Solves a long sequence in blocks and exchanges their borders until the blocks agree with one solve of the whole.
 
 Along a flow track the influence of a frame decays by rho per frame, rho + 1/rho = 2 + w / (2 lambda2), with w the data
-weight (method.md section 4). Where the confidence is low, rho is close to 1 and no halo is long enough. Hence Schwarz's
-alternating method: sweep 0 solves every block with free ends; in every later sweep a block also holds the frames just
-outside its outer span, fixed to what the neighbours had in the sweep before. All blocks of one sweep are independent.
+weight (docs/method.md section 4). Where the confidence is low, rho is close to 1 and no halo is long enough. Hence
+Schwarz's alternating method: sweep 0 solves every block with free ends. In every later sweep a block also contains the
+frames just outside its outer span, fixed to their values of the previous sweep. Blocks of one sweep are independent.
 
-What a task loads, for a block with core [a, b) and outer span [s, e) of a sequence of T frames:
+A task loads, for a block with core [a, b) and outer span [s, e) of a sequence of T frames:
 
     sweep 0    observed, confidence, matte of s .. e-1; flow and validity of s .. e-2; border None
     sweep k    observed, confidence, matte and the value of sweep k-1 of s-1 .. e (where they exist);
                flow and validity of s-1 .. e-1; border = Border(value, border_mask(...))
 
-and it stores the core's frames only. `largest_change` against sweep k-1 tells when to stop. A block may also be a band
-of rows: then its border is the rows around it as far as a link reaches (`vertical_reach`).
+It stores the frames of the core. `largest_change` against sweep k-1 tells when to stop. A block may also be a band of
+rows; its border is then the rows around it that a link can reach (`vertical_reach`).
 """
 
 from __future__ import annotations
@@ -33,20 +33,20 @@ from yesnt.temporal.solver import METHODS, Method, check_inputs, collect_stats
 Single = NDArray[np.float32]
 
 BYTES_PER_PIXEL = 95
-"""Geometry (33) and work of a solve (56), bytes per matte pixel of its block, and what an allocator keeps beside."""
+"""Bytes per matte pixel: geometry (33), work arrays of a solve (56), overhead of the allocator (6)."""
 
 BLOCK_GAP = 1e-4
-"""Certified relative gap of a block, beside the step that its caller asks for."""
+"""Relative gap to which a block is solved, in addition to the step size that its caller asks for."""
 
 
 @dataclass(frozen=True)
 class Border:
-    """What a block takes from the sweep before.
+    """What a block takes from the previous sweep.
 
     Attributes:
-        value: [T, H, W] or [C, T, H, W] the previous sweep's result on all frames of the block: fixed pixels keep it,
+        value: [T, H, W] or [C, T, H, W], result of the previous sweep on all frames of the block. Fixed pixels keep it,
             the others start from it.
-        fixed: [T, H, W] bool, True where the value belongs to a neighbour.
+        fixed: [T, H, W] bool, True where the pixel belongs to a neighbouring block.
     """
 
     value: NDArray[np.float32]
@@ -62,20 +62,20 @@ def decay(coupling: float, weight: float) -> float:
 
 
 def decay_per_frame(params: EnergyParams, confidence_floor: float) -> float:
-    """Decay of an influence from frame to frame along a track of this data weight."""
+    """Decay rho of an influence per frame along a track of this data weight."""
     return decay(2 * params.lambda2, confidence_floor)
 
 
 def halo_frames(params: EnergyParams, confidence_floor: float, tolerance: float) -> int:
-    """Frames of halo after which a change outside moves a pixel by less than `tolerance` of itself.
+    """Frames of halo that reduce the effect of a change outside to less than `tolerance` of it.
 
     Args:
-        params: of the energy.
-        confidence_floor: smallest data weight that may fill a track, > 0.
-        tolerance: share of the change that may come through, in (0, 1).
+        params: weights of the terms.
+        confidence_floor: smallest data weight along a whole track, > 0.
+        tolerance: remaining share of the change, in (0, 1).
 
     Raises:
-        ValueError: the floor is not positive (influence reaches without limit) or the tolerance not in (0, 1).
+        ValueError: the floor is not positive (the reach is infinite), or the tolerance is not in (0, 1).
     """
     return _reach(2 * params.lambda2, confidence_floor, tolerance)
 
@@ -95,11 +95,11 @@ def _reach(coupling: float, floor: float, tolerance: float) -> int:
 
 
 def sweeps_needed(params: EnergyParams, confidence_floor: float, tolerance: float, halo: int) -> int:
-    """Exchange sweeps (after sweep 0) that leave less than `tolerance`, for blocks with `halo` frames on each side.
+    """Exchange sweeps after sweep 0 that leave an error below `tolerance`, with `halo` frames on each side of a core.
 
-    A fixed frame lies halo + 1 frames outside a core, and as far inside the neighbour's core, so sweep 0 leaves
-    rho^(halo + 1) and each exchange takes rho^(2 halo + 2) of what is left. The figure is for tracks that are weak all
-    along, hence an upper bound in practice; the job stops earlier, when a sweep changes nothing above the tolerance.
+    A fixed frame lies halo + 1 frames outside a core, and as far inside the neighbour's core: sweep 0 leaves an error
+    of rho^(halo + 1), and each exchange multiplies it by rho^(2 halo + 2). This holds for tracks of low data weight
+    throughout and is an upper bound otherwise; a job stops once a sweep changes nothing above the tolerance.
     """
     missing = halo_frames(params, confidence_floor, tolerance) - (halo + 1)
     return max(0, math.ceil(missing / (2 * halo + 2)))
@@ -108,12 +108,12 @@ def sweeps_needed(params: EnergyParams, confidence_floor: float, tolerance: floa
 def border_mask(
     shape: tuple[int, int, int], frames: tuple[int, int], rows: tuple[int, int] = (0, 0)
 ) -> NDArray[np.bool_]:
-    """Marks the border of a block.
+    """Marks the border pixels of a block.
 
     Args:
         shape: (T, H, W) of the loaded block.
-        frames: border frames at its start and at its end (1 where there is a neighbour, else 0).
-        rows: border rows at its top and at its bottom, at least `vertical_reach` where there is a neighbour.
+        frames: number of border frames at the start and the end (1 if there is a neighbour, else 0).
+        rows: number of border rows at the top and the bottom; at least `vertical_reach` if there is a neighbour.
 
     Returns:
         [T, H, W] bool for `Border.fixed`.
@@ -127,7 +127,7 @@ def border_mask(
 
 
 def vertical_reach(flow: NDArray[np.floating], validity: NDArray[Any]) -> int:
-    """Rows that a band's border needs so that every link of its free pixels stays inside the loaded rows."""
+    """Number of border rows with which every link of a band's free pixels stays inside the loaded rows."""
     return math.ceil(float(np.max(np.abs(flow[..., 1]) * (validity > 0), initial=0.0))) + 1
 
 
@@ -141,7 +141,7 @@ def solve_block(
     border: Border | None = None,
     tolerance: float = 1e-5,
 ) -> Solution:
-    """One block of one sweep; arrays as in `solve`, over the frames (and rows) that the task loaded.
+    """Solves one block in one sweep; arrays as in `solve`, over the frames and rows that the task loaded.
 
     Args:
         observed: [T, H, W] or [C, T, H, W].
@@ -151,11 +151,11 @@ def solve_block(
         params: of the energy.
         matte: [T, H, W].
         border: None in sweep 0.
-        tolerance: stops once the last iteration moved no pixel by more and the certified gap is below 1e-4. The gap
-            alone would allow single weak pixels to be further off than a seam may be.
+        tolerance: the solver stops once the last iteration moved no pixel by more than this and the certified gap is
+            below 1e-4. The gap alone would allow larger errors at single pixels of low confidence.
 
     Returns:
-        The block's value; border pixels as given. The caller stores the core.
+        The block's value, with border pixels as given, and statistics. The caller stores the core.
 
     Raises:
         JobError: as `solve`.
@@ -173,14 +173,14 @@ def solve_block(
 
 @dataclass(frozen=True)
 class BlockLists:
-    """A block without its empty pixels: a task that reads frame by frame never holds more.
+    """The matte pixels of a block; a task that reads frame by frame holds nothing else.
 
     Attributes:
-        geometry: of the N matte pixels; its fixed pixels are the border.
+        geometry: lists of the N matte pixels; its fixed pixels are the border.
         observed: [C, N].
         confidence: [C, N].
-        start: [C, N] the sweep before, or what was observed; fixed pixels keep it. The result takes its place, and it
-            may be `observed` itself.
+        start: [C, N], value of the previous sweep, or the observed one; fixed pixels keep it. It is overwritten by the
+            result and may be `observed` itself.
     """
 
     geometry: Geometry
@@ -192,14 +192,14 @@ class BlockLists:
 def solve_lists(
     lists: BlockLists, params: EnergyParams, tolerance: float, method: Method = "default"
 ) -> tuple[Single, SolveStats]:
-    """One block of one sweep, as `solve_block`; returns the value [C, N], in place of the start, and the statistics."""
+    """Solves one block, as `solve_block`; returns the value [C, N], stored in `lists.start`, and statistics."""
     started = time.perf_counter()
     outcomes = [_solve_channel(lists, channel, params, tolerance, method) for channel in range(len(lists.start))]
     return lists.start, collect_stats(outcomes, BLOCK_GAP, lists.geometry.pixels, time.perf_counter() - started)
 
 
 def _solve_channel(lists: BlockLists, channel: int, params: EnergyParams, tolerance: float, method: Method) -> Outcome:
-    """Solves one channel in its place; nothing of the work stays while the next one is solved."""
+    """Solves one channel in place; its work arrays are freed before the next one is solved."""
     run, outer = METHODS[method]
     limits = Limits(BLOCK_GAP, tolerance if method == "default" else np.inf, outer)
     # One memory layout only, because Numba compiles kernels once per layout.
@@ -211,32 +211,32 @@ def _solve_channel(lists: BlockLists, channel: int, params: EnergyParams, tolera
 
 
 def block_bytes(frames: int, rows: int, width: int, matte_share: float, channels: int = 2) -> int:
-    """Peak memory of `solve_lists` with its arguments and its result, bytes, without the interpreter.
+    """Peak memory of `solve_lists` in bytes, including its arguments and its result, without the interpreter.
 
     Args:
-        frames: loaded frames, halo and border included.
-        rows: loaded rows, halo and border included.
+        frames: number of loaded frames, including halo and border.
+        rows: number of loaded rows, including halo and border.
         width: columns.
-        matte_share: share of matte pixels in what is loaded.
-        channels: channels solved together.
+        matte_share: share of matte pixels among the loaded ones.
+        channels: number of channels.
     """
     return round(frames * rows * width * (2 + matte_share * listed_bytes(channels)))  # and two masks
 
 
 def listed_bytes(channels: int = 2) -> int:
-    """Memory of a solve for each pixel on its lists: geometry, work, and three values of each channel."""
+    """Bytes of a solve per matte pixel: geometry, work arrays, and three values per channel."""
     return BYTES_PER_PIXEL + 3 * 4 * channels  # observed, confidence, start
 
 
 def band_rows(frames: int, width: int, matte_share: float, budget: int, channels: int = 2) -> int:
-    """Rows, halo and border included, that a band of a block may load within `budget` bytes."""
+    """Number of rows, including halo and border, that a band may load within `budget` bytes; at least 1."""
     return max(1, budget // block_bytes(frames, 1, width, matte_share, channels))
 
 
 def largest_change(value: NDArray[np.floating], previous: NDArray[np.floating]) -> float:
-    """Largest absolute difference of two sweeps' cores; the exchange stops once it is below the asked tolerance.
+    """Largest absolute difference of two sweeps' cores; the exchange stops once it is below the tolerance.
 
-    Outside the matte both hold the observation, which may be NaN there: that counts as no change.
+    Outside the matte both hold the observed value. It may be NaN there, which counts as no change.
     """
     change = np.abs(value - previous)
     return float(np.max(change, where=~np.isnan(change), initial=0.0))

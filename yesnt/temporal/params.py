@@ -1,4 +1,4 @@
-"""Records of the temporal stage: the energy's parameters, what a solver reports, what it returns."""
+"""Public records of the temporal stage: parameters of the energy, statistics and result of a solve."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from typing import Any
 
 @dataclass(frozen=True)
 class EnergyParams:
-    """Parameters of the energy of method.md section 4. The paper gives no values; these were chosen on data.
+    """Parameters of the energy of docs/method.md section 4. The paper gives no values; these were chosen on data.
 
-    The sweep is tests/benchmarks/temporal_lambdas.py, its figures are in docs/temporal.md.
+    tests/benchmarks/temporal_lambdas.py compares values; docs/temporal.md has the figures.
 
     Attributes:
-        delta: Huber's threshold: residuals above it are taken for outliers. Unit of the material, > 0.
+        delta: threshold of the Huber function, above which residuals count as outliers. Unit of the material, > 0.
         lambda1: weight of the smoothed total variation in space, >= 0.
         lambda2: weight of the squared difference along the flow, >= 0.
-        eps: rounding of the total variation at 0, > 0 (it makes the energy smooth). Unit of the material per pixel.
+        eps: smoothing of the total variation at 0, > 0. Unit of the material per pixel.
 
     Raises:
         ValueError: a value is not finite or out of range.
@@ -40,17 +40,17 @@ class EnergyParams:
 
 @dataclass(frozen=True)
 class SolveStats:
-    """What one solve did; sums (seconds, iterations) and the worst (gap) over the channels.
+    """Statistics of a solve: sums over the channels (seconds, iterations, energy) or the largest (gap, step).
 
     Attributes:
         iterations: outer iterations.
         inner_iterations: products with the linear operator (0 for Adam).
-        seconds: wall time, the geometry included.
+        seconds: wall time, including the construction of the geometry.
         energy: F of the returned value, summed over channels.
         gap: upper bound on (F - F*) / F*; see certificate.py.
         converged: gap <= tolerance.
         largest_step: largest change of a pixel in the last iteration.
-        pixels: matte pixels of all frames that were solved for, per channel.
+        pixels: number of matte pixels in all frames.
     """
 
     iterations: int
@@ -69,8 +69,8 @@ class Solution:
 
     Attributes:
         value: like `observed`: same shape, NumPy float32 or a torch tensor on the input's device. Outside the matte it
-            is what was observed.
-        stats: what the solver did.
+            equals `observed`.
+        stats: statistics of the solve.
     """
 
     value: Any

@@ -1,8 +1,8 @@
-"""The temporal energy in plain NumPy, float64, as the paper writes it: slow, short, to be held against the text.
+"""NumPy reference of the temporal energy in float64, written as in the paper; slow.
 
     F(x) = sum c H_delta(x~ - x) + lambda1 sum sqrt((Dx x)^2 + (Dy x)^2 + eps^2) + lambda2 sum V ((W x_{t+1}) - x_t)^2
 
-(Temporal Consistency, the paper; details in method.md section 4). Arrays are dense `[T, H, W]`; the fast kernels keep
+(paper, Temporal Consistency; details in docs/method.md section 4). Arrays are dense `[T, H, W]`. The fast kernels list
 matte pixels only and are tested against this module.
 """
 
@@ -63,7 +63,7 @@ def warp(image: Array, flow: Array, matte: Mask) -> tuple[Array, Mask]:
 def energy_terms(
     x: Array, observed: Array, confidence: Array, flow: Array, validity: Array, params: EnergyParams, matte: Mask
 ) -> tuple[float, float, float]:
-    """The data, spatial and temporal term of F, weights included; arrays as in method.md section 4."""
+    """The data, spatial and temporal term of F, including their weights; arrays as in docs/method.md section 4."""
     dx, dy = forward_differences(x, matte)
     data = float(np.sum((confidence * huber(observed - x, params.delta))[matte]))
     space = params.lambda1 * float(np.sum(np.sqrt(dx**2 + dy**2 + params.eps**2)[matte]))

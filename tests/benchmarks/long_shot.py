@@ -1,33 +1,52 @@
-"""Makes a long shot out of the embedded one: frames there and back again, as links, so that flow stays smooth."""
+"""How long status and plan of a long shot take: `python tests/benchmarks/long_shot.py [FRAMES]` (default 10,000).
+
+Files are hard links to one frame's, records are written without running anything. Every figure is of a process of its
+own, its start included.
+"""
 
 from __future__ import annotations
 
-import json
+import resource
+import subprocess
+import sys
+import tempfile
+import time
 from pathlib import Path
-from typing import Any
 
-import yaml
+ROOT = Path(__file__).parent.parent.parent
+sys.path.insert(0, str(ROOT))
 
-from yesnt.io.embedded_shot import SHOT
-
-FIRST = 1001
+from tests.long_shot import pretend_done, write_long_shot  # noqa: E402
 
 
-def write_long_shot(folder: Path, frames: int, **changes: Any) -> Path:
-    """Writes links, a camera and a job file; returns the job file."""
-    folder.mkdir(parents=True)
-    job = yaml.safe_load((SHOT / "shot.yaml").read_text())
-    camera = json.loads((SHOT / "camera.json").read_text())
-    source = sorted(int(number) for number in camera["frames"])
-    order = source + source[-2:0:-1]
-    poses = {}
-    for i in range(frames):
-        here, there = FIRST + i, order[i % len(order)]
-        poses[str(here)] = camera["frames"][str(there)]
-        for name, suffix in (("plate", "exr"), ("gbuffer", "exr"), ("proxy", "ply")):
-            (folder / f"{name}.{here:04d}.{suffix}").symlink_to(SHOT / f"{name}.{there:04d}.{suffix}")
-    (folder / "env").symlink_to(SHOT / "env")
-    (folder / "camera.json").write_text(json.dumps(camera | {"frames": poses}))
-    path = folder / "shot.yaml"
-    path.write_text(yaml.safe_dump(job | {"frames": f"{FIRST}-{FIRST + frames - 1}"} | changes))
-    return path
+def measure(title: str, *arguments: str | Path) -> None:
+    """Runs a command and prints its seconds."""
+    before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    done = subprocess.run([sys.executable, "-m", "yesnt", *map(str, arguments)], capture_output=True, text=True)
+    wall, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
+    assert done.returncode == 0, done.stderr
+    processor = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    print(f"{title}: {wall:.2f} s, of processor {processor:.2f} s; {len(done.stdout)} bytes printed", flush=True)
+
+
+def main(frames: int) -> None:
+    """Prints the table."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = write_long_shot(Path(folder) / "shot", frames)
+        time.sleep(2.5)  # files that have only just changed are hashed again
+        measure(f"{frames} frames, first plan", "plan", path)
+        measure("second plan", "plan", path)
+        pretend_done(path)
+        time.sleep(2.5)
+        measure("first status", "status", path)
+        measure("status, nothing changed", "status", path)
+        measure("status --json, nothing changed", "status", path, "--json")
+        text = path.read_text()
+        assert "texels: 8" in text
+        path.write_text(text.replace("texels: 8", "texels: 9", 1))
+        measure("status after one changed setting", "status", path)
+        measure("plan after one changed setting", "plan", path)
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else 10_000)

@@ -93,14 +93,20 @@ def test_a_shot_from_plan_to_verify(tmp_path: Path) -> None:
     assert {row["stage"]: row["todo"] for row in plan["stages"]} == {
         "decompose": 2, "flow": 1, "confidence": 1, "solve": 1, "relight": 2, "composite": 2, "preview": 1,
     }  # fmt: skip
-    assert not (path.parent / "out").exists(), "plan writes nothing"
+    written = {file.name for file in (path.parent / "out").rglob("*") if file.is_file()}
+    assert written <= {"file_digests.json", "facts.json", "record_index.json"}, (
+        "plan writes what it learned of the inputs"
+    )
     done = yesnt("run", path, "--workers", "1")
     assert done.returncode == 0, done.stderr
     assert "Frame 1002 composite done" in done.stdout
     assert "progress 100%" in done.stdout
     assert "Dask dashboard: http://127.0.0.1:" in done.stdout
     assert (path.parent / "out" / "run" / "report.html").read_text().count("data:image/png") == 3
-    states = json.loads(yesnt("status", path, "--json").stdout)["frames"]
+    states = json.loads(yesnt("status", path, "--json").stdout)["states"]
+    assert {(state["stage"], state["state"], state["frames"]) for state in states} >= {
+        ("composite", "done", "1001-1002")
+    }
     assert {state["state"] for state in states} == {"done"}
     assert yesnt("verify", path).returncode == 0
     (path.parent / "out" / "exr" / "tiny.1001.exr").unlink()

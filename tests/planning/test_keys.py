@@ -14,7 +14,7 @@ from tests.in_process import run_here
 from tests.planning.long_shot import long_plan
 from tests.tiny_shot import write_tiny_shot
 from yesnt.core.shot import DecomposeInput, LightInput, Shot, TemporalInput
-from yesnt.inspect.audit import states
+from yesnt.inspect.frame_states import states
 from yesnt.io import jobfile
 from yesnt.io.records import SharedSettings, digest_of, frame_key, key_of
 from yesnt.planning.keyed_settings import changed_fields, changed_keys, shared

@@ -10,7 +10,7 @@ import pytest
 
 from tests.planning.long_shot import long_plan
 from tests.tiny_shot import write_tiny_shot
-from yesnt.inspect.audit import states
+from yesnt.inspect.frame_states import states
 from yesnt.inspect.forecast import forecast
 from yesnt.planning.graph import Graph
 from yesnt.planning.stages import DECOMPOSE

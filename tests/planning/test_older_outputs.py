@@ -7,7 +7,8 @@ from pathlib import Path
 
 from tests.in_process import run_here
 from tests.tiny_shot import write_tiny_shot
-from yesnt.inspect.audit import states, verify
+from yesnt.inspect.frame_states import states
+from yesnt.inspect.verify import verify
 from yesnt.planning.stages import DECOMPOSE
 from yesnt.report.facts import gather
 from yesnt.report.timeline import timeline_svg

@@ -12,7 +12,10 @@ import pytest
 
 from tests.tiny_shot import write_tiny_shot
 from yesnt.core.errors import UsageError
-from yesnt.inspect.audit import explain, forget, states, verify
+from yesnt.inspect.explain import explain
+from yesnt.inspect.forget import forget
+from yesnt.inspect.frame_states import states
+from yesnt.inspect.verify import verify
 from yesnt.io.exr import read_image
 from yesnt.io.store import FrameStore
 from yesnt.planning.stages import COMPOSITE, DECOMPOSE, FLOW, RELIGHT
@@ -132,7 +135,7 @@ def test_one_changed_plate_redoes_its_frame_and_what_it_reaches(copied: Path, cl
 def test_explain_names_the_field(copied: Path) -> None:
     change(copied, "texels: 8", "texels: 9")
     why = {s.stage: s.why for s in explain(Session(copied), 1002)}
-    assert why["relight"] == "settings.relight.texels was 8, is 9"
+    assert why["relight"] == "relight.texels was 8, is 9"
     assert why["solve"] == ""
     with pytest.raises(UsageError, match="no frame 7"):
         explain(Session(copied), 7)

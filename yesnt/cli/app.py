@@ -10,6 +10,7 @@ import typer
 
 from yesnt.cli import text
 from yesnt.cli.evaluate import evaluate
+from yesnt.cli.file_progress import FileProgress
 from yesnt.cli.trade import trade
 
 app = typer.Typer(
@@ -41,7 +42,7 @@ def run(
     from yesnt.runtime.cluster import ClusterSpec
     from yesnt.runtime.session import RunOptions, Session
 
-    session = Session(shot, tuple(accept_license or ()))
+    session = Session(shot, tuple(accept_license or ()), FileProgress())
     return _drive(session, RunOptions(frames, until, ClusterSpec(cluster, workers)), json)
 
 
@@ -69,12 +70,12 @@ def init(folder: Annotated[Path, typer.Argument(metavar="DIR")]) -> None:
 
 @app.command()
 def plan(shot: ShotArgument, json: JsonOption = False) -> None:
-    """Say what a run would do, why, and what it would cost; nothing runs."""
+    """Print what a run would do, why, and what it would cost; no stage runs."""
     from yesnt.cli.plan import print_plan
     from yesnt.inspect.forecast import forecast
     from yesnt.runtime.session import Session
 
-    found = forecast(Session(shot))
+    found = forecast(Session(shot, progress=FileProgress()))
     if json:
         text.print_json(found.as_json())
     else:
@@ -83,27 +84,26 @@ def plan(shot: ShotArgument, json: JsonOption = False) -> None:
 
 @app.command()
 def status(shot: ShotArgument, json: JsonOption = False) -> None:
-    """Show the state of every frame of every stage."""
-    from yesnt.inspect.audit import as_json, states
-    from yesnt.runtime.session import Session
+    """Print the state of every stage, and why frames are stale."""
+    from yesnt.inspect.status import status as find
 
-    found = states(Session(shot))
+    report = find(shot, FileProgress())
     if json:
-        text.print_json({"frames": as_json(found)})
+        text.print_json(report.as_json())
     else:
-        text.print_states(found)
+        text.print_status(report)
 
 
 @app.command()
 def explain(shot: ShotArgument, frame: int, json: JsonOption = False) -> None:
-    """Say why a frame would be computed again, or that it would not."""
-    from yesnt.inspect.audit import as_json
-    from yesnt.inspect.audit import explain as find
+    """Print for one frame what each stage would compute again, and why."""
+    from yesnt.inspect.explain import explain as find
     from yesnt.runtime.session import Session
 
-    found = find(Session(shot), frame)
+    found = find(Session(shot, progress=FileProgress()), frame)
     if json:
-        text.print_json({"frame": frame, "stages": as_json(found)})
+        rows = [{"stage": s.stage, "state": s.state, "causes": s.causes, "follows": s.follows} for s in found]
+        text.print_json({"frame": frame, "stages": rows})
     else:
         text.print_table(
             ("stage", "state", "why"), ((s.stage, s.state, s.why or "everything is as it was") for s in found)
@@ -119,8 +119,8 @@ def retry(
     cluster: ClusterOption = "local",
     json: JsonOption = False,
 ) -> int:
-    """Do frames again: forgets their records and marks of death, then runs."""
-    from yesnt.inspect.audit import forget
+    """Compute frames again: remove their records and marks of death, then run."""
+    from yesnt.inspect.forget import forget
     from yesnt.planning.stages import STAGES
     from yesnt.runtime.cluster import ClusterSpec
     from yesnt.runtime.session import RunOptions, Session
@@ -136,16 +136,17 @@ def verify(
     workers: WorkersOption = 2,
     json: JsonOption = False,
 ) -> int:
-    """Read everything that is committed and compare it with its record."""
-    from yesnt.inspect.audit import as_json
-    from yesnt.inspect.audit import verify as find
+    """Compare everything that is committed with the digests in its records."""
+    from dataclasses import asdict
+
+    from yesnt.inspect.verify import verify as find
     from yesnt.runtime.cluster import ClusterSpec
     from yesnt.runtime.session import RunOptions, Session
 
     session = Session(shot)
     damage = find(session)
     if json and not repair:
-        text.print_json({"damaged": as_json(damage)})
+        text.print_json({"damaged": [asdict(found) for found in damage]})
     elif not json:
         for found in damage:
             print(f"{found.stage} {found.frame}: {found.what}")

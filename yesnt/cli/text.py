@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 import sys
-from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from yesnt.core.errors import YesntError
 
 if TYPE_CHECKING:
-    from yesnt.inspect.audit import FrameState
+    from yesnt.inspect.status import StatusReport
 
 
 def print_error(error: YesntError, as_json: bool) -> None:
@@ -35,15 +34,18 @@ def print_table(header: Iterable[str], rows: Iterable[Iterable[object]]) -> None
         print("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip())
 
 
-def print_states(found: list[FrameState]) -> None:
-    """One row a stage, frames counted by state; frames that are dead or stale are named below."""
-    stages = list(dict.fromkeys(state.stage for state in found))
-    counts = Counter((state.stage, state.state) for state in found)
+def print_status(report: StatusReport) -> None:
+    """One row a stage, frames counted by state; below, each cause once with the frames it concerns."""
     kinds = ("done", "stale", "waiting", "dead")
-    print_table(("stage", *kinds), ([s, *(counts[s, kind] for kind in kinds)] for s in stages))
-    for state in found:
-        if state.state in ("dead", "stale"):
-            print(f"{state.stage} {state.frame} {state.state}: {state.why}")
+    rows = ((stage, *(counts[kind] for kind in kinds)) for stage, counts in report.counts.items())
+    print_table(("stage", *kinds), rows)
+    concerned: dict[tuple[str, str], list[str]] = {}
+    for group in report.groups:
+        if group.state in ("dead", "stale"):
+            for cause in group.causes or (f"follows from {', '.join(group.follows)}",):
+                concerned.setdefault((group.state, cause), []).append(f"{group.stage} {group.frames}")
+    for (state, cause), frames in concerned.items():
+        print(f"{state}: {cause}: {'; '.join(frames)}")
 
 
 def seconds(value: float) -> str:

@@ -1,26 +1,25 @@
-"""What a run would do and cost, told before anything runs: `yesnt plan`."""
+"""`yesnt plan`: what a run would do and cost, before anything runs."""
 
 from __future__ import annotations
 
 import statistics
+from collections import Counter
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from yesnt.core.camera import Camera
 from yesnt.core.stage_id import StageId
-from yesnt.inspect.audit import DONE, states
-from yesnt.inspect.sampling_cost import SamplingCost, sampling_cost
+from yesnt.inspect.frame_states import DONE, states
+from yesnt.inspect.sampling_cost import SamplingCost, is_indexed, sampling_cost
 from yesnt.io import shot_inputs
 from yesnt.io.jobfile import frame_path
+from yesnt.io.record_index import RecordIndex
 from yesnt.planning import settings as of
 from yesnt.planning.chunks import ROUND
 from yesnt.planning.graph import Graph, Node
 from yesnt.planning.stages import STAGES
 from yesnt.planning.task_records import held_frames
-from yesnt.runtime.driver import is_done
-from yesnt.runtime.input_checks import inspect
 from yesnt.runtime.session import Session
 from yesnt.tasks.light import frame_map
 
@@ -85,31 +84,52 @@ class Forecast:
 
 
 def forecast(session: Session) -> Forecast:
-    """Inspects the inputs and predicts a run; writes nothing."""
-    warnings = inspect(session.resolved)
-    plan = session.plan()
-    graph = session.graph()
+    """Checks the inputs and predicts a run; writes only what it learned of the input files (`Session.remember`)."""
+    warnings = session.checks.form() + session.checks.content()
+    plan, graph, index = session.plan(), session.graph(), session.open_index()
     reasons: dict[str, list[str]] = {stage: [] for stage in STAGES}
-    for state in states(session, graph):
+    for state in states(session, graph, index):
         if state.state != DONE:
             reasons[StageId.parse(state.stage).name].append(state.why.split(";")[0])
     used = {node.stage.name for node in graph}
     planned = [name for name, row in STAGES.items() if name in used or not row.in_lanes]
-    rows = tuple(_row(session, graph, stage, reasons[stage]) for stage in planned)
-    modelled = tuple(f"{term.term}: {term.reason}" for term in _relight_terms(session) if term.modelled)
-    spent = sampling_cost(session, graph)
-    chunks, left_out = plan.chunks, tuple(_left_out(session))
+    progress = _Progress(graph, index)
+    rows = tuple(_row(session, progress, stage, reasons[stage]) for stage in planned)
+    terms = _relight_terms(session)
+    modelled = tuple(f"{term.term}: {term.reason}" for term in terms if term.modelled)
+    spent = sampling_cost(session, graph, index)
+    session.remember()
+    index.save()
+    chunks, left_out = plan.chunks, tuple(_left_out(session, terms))
     cut = len(plan.exchange.blocks), chunks.halo, plan.exchange.sweeps, len(chunks.bands)
     return Forecast(rows, spent, *cut, left_out, modelled, tuple(warnings))
 
 
-def _row(session: Session, graph: Graph, stage: str, reasons: list[str]) -> StageForecast:
-    nodes = [node for node in graph if node.stage.name == stage and (not node.transient or STAGES[stage].in_lanes)]
-    todo = [node for node in nodes if not is_done(session.book, node)]
-    if STAGES[stage].in_lanes and all(is_done(session.book, node) for node in graph if node.stage.name == "decompose"):
-        todo = []
+class _Progress:
+    """Nodes by stage, and which of them are done."""
+
+    def __init__(self, graph: Graph, index: RecordIndex) -> None:
+        self.index = index
+        self._by_stage: dict[str, list[Node]] = {}
+        for node in graph:
+            if not node.transient or STAGES[node.stage.name].in_lanes:
+                self._by_stage.setdefault(node.stage.name, []).append(node)
+
+    def nodes(self, stage: str) -> list[Node]:
+        """The stage's nodes that are counted: windows, and what is kept."""
+        return self._by_stage.get(stage, [])
+
+    def todo(self, stage: str) -> list[Node]:
+        """Those that would run; windows only for frames that are not decomposed."""
+        if STAGES[stage].in_lanes and not self.todo("decompose"):
+            return []
+        return [node for node in self.nodes(stage) if not is_indexed(self.index, node)]
+
+
+def _row(session: Session, progress: _Progress, stage: str, reasons: list[str]) -> StageForecast:
+    nodes, todo = progress.nodes(stage), progress.todo(stage)
     row, pixels = STAGES[stage], session.job.width * session.job.height
-    measured = _measured_seconds(session, nodes)
+    measured = _measured_seconds(progress.index, nodes)
     cost = row.cost
     model = cost.seconds + cost.seconds_per_megapixel * pixels * _held(nodes) / 1e6
     sweeps = _solves(session) if stage == "solve" else 1
@@ -138,25 +158,24 @@ def _held(nodes: list[Node]) -> int:
     return max((held_frames(node.task, node.frames) for node in nodes), default=1)
 
 
-def _measured_seconds(session: Session, nodes: list[Node]) -> float | None:
+def _measured_seconds(index: RecordIndex, nodes: list[Node]) -> float | None:
     """Median seconds of a task in this job's records."""
-    records = [session.book.find(node.stage, node.frames[0]) for node in nodes]
-    seconds = [record.seconds["task"] for record in records if record is not None]
+    entries = [index.find(node.stage, node.frames[0]) for node in nodes]
+    seconds = [entry.seconds for entry in entries if entry is not None]
     return statistics.median(seconds) if seconds else None
 
 
 def _most_frequent(reasons: list[str]) -> str:
     if not reasons:
         return ""
-    reason = max(set(reasons), key=reasons.count)
-    return f"{reason} ({reasons.count(reason)} of {len(reasons)} frames)"
+    reason, count = Counter(reasons).most_common(1)[0]
+    return f"{reason} ({count} of {len(reasons)} frames)"
 
 
-def _left_out(session: Session) -> list[str]:
+def _left_out(session: Session, terms: Iterable[Requirement]) -> list[str]:
     """What this job does without."""
     shot = session.job.shot
-    found = []
-    found += [f"{term.term}: {term.reason}" for term in _relight_terms(session) if not term.modelled]
+    found = [f"{term.term}: {term.reason}" for term in terms if not term.modelled]
     if shot.decompose.path is not None:
         found.append("diffusion: the job brings its own passes")
     if shot.flow.path is not None:
@@ -177,7 +196,8 @@ def _relight_terms(session: Session) -> tuple[Requirement, ...]:
     first = session.job.frames[0]
     light = prepare_relight(frame_map(session.job, shot.light, first), settings)
     captured = prepare_capture(frame_map(session.job, shot.capture_light, first), settings)
-    known = (shot.proxy is not None, *_material_ranges(session), _short_normals(session))
+    ranges = session.checks.material_ranges() or (None, None)
+    known = (shot.proxy is not None, *ranges, _short_normals(session))
     return requirements(SceneFacts(light, captured, *known), settings)
 
 
@@ -188,19 +208,3 @@ def _short_normals(session: Session) -> float:
     job, first = session.job, session.job.frames[0]
     camera = Camera.open(frame_path(job.root, job.shot.camera, 0))
     return short_normals(shot_inputs.read_surface(job, first, camera).normal, shot_inputs.read_matte(job, first) > 0)
-
-
-def _material_ranges(session: Session) -> tuple[tuple[float, float] | None, tuple[float, float] | None]:
-    """Smallest and largest roughness and metallic inside the mattes, of passes that the job brings; else unknown."""
-    job = session.job
-    if job.shot.decompose.path is None:
-        return None, None
-    least, most = np.full(2, np.inf), np.full(2, -np.inf)
-    for frame in job.frames:
-        inside = shot_inputs.read_passes(job, frame)[0][:, shot_inputs.read_matte(job, frame) > 0]
-        if inside.size:
-            least, most = np.minimum(least, inside.min(axis=1)), np.maximum(most, inside.max(axis=1))
-    if not np.isfinite(least).all():
-        return None, None
-    roughness, metallic = zip(least.tolist(), most.tolist(), strict=True)
-    return roughness, metallic

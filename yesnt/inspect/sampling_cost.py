@@ -5,16 +5,23 @@ from __future__ import annotations
 import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 
 from yesnt.core.shot import Job
+from yesnt.decompose import blend
 from yesnt.decompose.blend import PatchGrid
+from yesnt.io.file_digests import file_digest
+from yesnt.io.jobfile import frame_path
+from yesnt.io.record_index import RecordIndex
+from yesnt.io.records import digest_of
 from yesnt.io.shot_inputs import read_matte
 from yesnt.planning import settings as of
 from yesnt.planning.graph import Graph, Node, NodeId
 from yesnt.planning.task_records import DecomposeTask
-from yesnt.runtime.driver import is_done
+from yesnt.runtime.input_checks import code_digest
 from yesnt.runtime.session import Session
 
 TYPICAL_SHARE = {"full": 0.35, "between": 0.1}
@@ -43,21 +50,21 @@ class SamplingCost:
     basis: str
 
 
-def sampling_cost(session: Session, graph: Graph) -> SamplingCost:
+def sampling_cost(session: Session, graph: Graph, index: RecordIndex | None = None) -> SamplingCost:
     """Counts patches that see the matte, for every frame (or window) that is to be sampled."""
     plan = session.plan()
     settings = of.ensemble_settings(session.job.shot)
     if plan.backend is None:
         return SamplingCost(0, 0, 0, 0, settings.samples, "passes are read")
     nodes = [node for node in graph if node.stage.name == ("window" if plan.windows else "decompose")]
-    print_of = plan.backend.footprint
-    patches = {node.id: _patches(session.job, node, print_of.patch, print_of.align, settings.overlap) for node in nodes}
+    print_of, index = plan.backend.footprint, index or session.open_index()
+    patches = _all_patches(session, nodes, (print_of.patch, print_of.align, settings.overlap))
     users = graph.users()
-    todo = [node for node in nodes if not _settled(session, node, [graph.nodes[user] for user in users[node.id]])]
+    todo = [node for node in nodes if not _settled(index, node, [graph.nodes[user] for user in users[node.id]])]
     members = settings.rounds()[0].stop
     least, most, expected = 0.0, 0.0, 0.0
     at_most = members if print_of.predicts_mean else settings.samples  # without a tolerance both are the same
-    shares, basis = _shares(session, nodes, patches, print_of.nfe * at_most)
+    shares, basis = _shares(index, nodes, patches, print_of.nfe * at_most)
     for node in todo:
         one = patches[node.id] * print_of.nfe
         between = _between(node)
@@ -69,15 +76,32 @@ def sampling_cost(session: Session, graph: Graph) -> SamplingCost:
     return SamplingCost(round(least), round(expected), round(most), fixed, settings.samples, basis)
 
 
-def _settled(session: Session, node: Node, users: Sequence[Node]) -> bool:
+def is_indexed(index: RecordIndex, node: Node) -> bool:
+    """Whether every frame of a node is done, by the index."""
+    return all(index.done(node.stage, frame, node.frame_key(frame)) for frame in node.frames)
+
+
+def _settled(index: RecordIndex, node: Node, users: Sequence[Node]) -> bool:
     """Whether a node need not run: it is done, or its users are and its own result has been removed."""
-    served = node.transient and bool(users) and all(is_done(session.book, user) for user in users)
-    return served or is_done(session.book, node)
+    served = node.transient and bool(users) and all(is_indexed(index, user) for user in users)
+    return served or is_indexed(index, node)
 
 
 def _between(node: Node) -> bool:
     """Whether a frame takes a keyframe's estimate."""
     return isinstance(node.task, DecomposeTask) and node.task.keyframe is not None
+
+
+def _all_patches(session: Session, nodes: Sequence[Node], cut: tuple[int | None, int, float]) -> dict[NodeId, int]:
+    """Node -> patches that see any matte. Counting decodes the plates, so a count is remembered by their digests."""
+    job, facts = session.job, session.checks.facts
+    code = [code_digest(), file_digest(Path(blend.__file__))]
+    form = {"patches": cut, "size": [job.width, job.height], "code": code}
+    found = {}
+    for node in nodes:
+        plates = [session.resolved.digests[str(frame_path(job.root, job.shot.plate.path, f))] for f in node.frames]
+        found[node.id] = facts.fetch(digest_of({**form, "plates": plates}), partial(_patches, job, node, *cut))
+    return found
 
 
 def _patches(job: Job, node: Node, patch: int | None, align: int, overlap: float) -> int:
@@ -91,14 +115,14 @@ def _patches(job: Job, node: Node, patch: int | None, align: int, overlap: float
 
 
 def _shares(
-    session: Session, nodes: Sequence[Node], patches: dict[NodeId, int], whole: int
+    index: RecordIndex, nodes: Sequence[Node], patches: dict[NodeId, int], whole: int
 ) -> tuple[dict[str, float], str]:
     """Share of all members that frames drawn in full, and frames between keyframes, spend."""
     spent: dict[str, list[float]] = {"full": [], "between": []}
     for node in nodes:
-        record = session.book.find(node.stage, node.frames[0])
-        if record is not None and "nfe" in record.facts and patches[node.id]:
+        entry = index.find(node.stage, node.frames[0])
+        if entry is not None and entry.nfe is not None and patches[node.id]:
             kind = "between" if _between(node) else "full"
-            spent[kind].append(record.facts["nfe"] / (patches[node.id] * whole))
+            spent[kind].append(entry.nfe / (patches[node.id] * whole))
     shares = {kind: statistics.mean(found) if found else TYPICAL_SHARE[kind] for kind, found in spent.items()}
     return shares, "measured on this job's frames" if any(spent.values()) else "typical share of a first run"

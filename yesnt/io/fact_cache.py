@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 from yesnt.io.file_digests import save_memory
-from yesnt.io.records import key_of
 
 SPARE = 4
 """Facts that are kept, as a multiple of those that were asked for: a changed setting that is set back finds them."""
@@ -31,28 +30,26 @@ class FactCache:
         self._used: dict[str, Any] = {}
         self._computed = 0
 
-    def fetch(self, key: dict[str, Any], compute: Callable[[], Any]) -> Any:
+    def fetch(self, key: str, compute: Callable[[], Any]) -> Any:
         """The fact of a key, computed if it is not known.
 
         Args:
-            key: a JSON document that changes whenever the fact would.
+            key: digest of everything that the fact depends on (`records.digest_of`).
             compute: gives the fact as a JSON value; what it raises is not remembered.
         """
-        name = key_of(key)
-        if name in self._used:
-            return self._used[name]
-        if name in self._known:
-            fact = self._known[name]
+        if key in self._used:
+            return self._used[key]
+        if key in self._known:
+            fact = self._known[key]
         else:
             fact = compute()
             self._computed += 1
-        self._used[name] = fact
+        self._used[key] = fact
         return fact
 
-    def knows(self, key: dict[str, Any]) -> bool:
+    def knows(self, key: str) -> bool:
         """Whether a fact would not have to be computed."""
-        name = key_of(key)
-        return name in self._used or name in self._known
+        return key in self._used or key in self._known
 
     def save(self) -> None:
         """Writes the memory, if something was computed."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,24 +29,25 @@ class Entry:
 
     Attributes:
         key: its key.
+        fields: everything that its result depends on.
         seconds: time in the task.
-        evaluations: network evaluations of the frame; None where the stage has none.
+        nfe: network evaluations that the frame took; None where the stage has none.
         files: path relative to the output folder -> digest.
         states: the same paths -> size and time of change with which the content was last proven.
     """
 
     key: str
+    fields: Mapping[str, Any]
     seconds: float
-    evaluations: float | None
+    nfe: float | None
     files: dict[str, str]
     states: dict[str, FileState]
 
     @classmethod
     def of(cls, record: Record) -> Entry:
         """The entry of a record."""
-        seconds, evaluations = record.seconds.get("task", 0.0), record.facts.get("evaluations")
-        states = {name: (state[0], state[1]) for name, state in record.file_states.items()}
-        return cls(record.key, seconds, evaluations, dict(record.files), states)
+        seconds, nfe = record.seconds.get("task", 0.0), record.facts.get("nfe")
+        return cls(record.key, record.fields, seconds, nfe, dict(record.files), _states(record.file_states))
 
 
 class RecordIndex:
@@ -100,24 +101,48 @@ class RecordIndex:
                 entry.states[name], self._changed = state, True
         return ""
 
+    def files(self, root: Path) -> list[str]:
+        """All files that records name, below the output folder `root`."""
+        held = (self._known[at][1] for at in self._found.keys() & self._known.keys())
+        return [str(root / name) for entry in held for name in entry.files]
+
     def save(self) -> None:
         """Writes the index if it has changed."""
         if not self._changed:
             return
         rows: dict[str, dict[str, list[Any]]] = {}
+        settings = _Table()
         for at in self._found.keys() & self._known.keys():
             signature, entry = self._known[at]
-            row = [*signature, entry.key, entry.seconds, entry.evaluations, entry.files, entry.states]
-            rows.setdefault(at[0], {})[at[1]] = row
-        save_memory(self._memory, {"version": _VERSION, "records": rows})
+            own = {name: value for name, value in entry.fields.items() if name != "settings"}
+            row = [*signature, entry.key, own, settings.number(entry.fields.get("settings")), entry.seconds, entry.nfe]
+            rows.setdefault(at[0], {})[at[1]] = [*row, entry.files, entry.states]
+        save_memory(self._memory, {"version": _VERSION, "settings": settings.rows, "records": rows})
+
+
+class _Table:
+    """Distinct documents, numbered: thousands of records share their settings."""
+
+    def __init__(self) -> None:
+        self.rows: list[Any] = []
+        self._numbers: dict[str, int] = {}
+        self._seen: dict[int, int] = {}
+
+    def number(self, document: Any) -> int:
+        """The number of a document; equal ones have the same."""
+        if id(document) not in self._seen:
+            text = json.dumps(document, sort_keys=True)
+            if text not in self._numbers:
+                self._numbers[text] = len(self.rows)
+                self.rows.append(document)
+            self._seen[id(document)] = self._numbers[text]
+        return self._seen[id(document)]
 
 
 def records_fingerprint(folder: Path) -> str:
     """Changes whenever a record is written, replaced or removed; reads none of them."""
-    digest = hashlib.blake2b(digest_size=16)
-    for at, signature in sorted(_scan(folder)):
-        digest.update(f"{at} {signature}\n".encode())
-    return digest.hexdigest()
+    lines = sorted(f"{at[0]}/{at[1]} {signature}" for at, signature in _scan(folder))
+    return hashlib.blake2b("\n".join(lines).encode(), digest_size=16).hexdigest()
 
 
 def _scan(folder: Path) -> Iterator[tuple[tuple[str, str], Signature]]:
@@ -139,8 +164,9 @@ def _load(memory: Path) -> dict[tuple[str, str], tuple[Signature, Entry]]:
         document = json.loads(memory.read_bytes())
         if document["version"] != _VERSION:
             return {}
+        settings = document["settings"]
         return {
-            (stage, name): ((row[0], row[1], row[2]), Entry(row[3], row[4], row[5], row[6], _states(row[7])))
+            (stage, name): _entry(row, settings)
             for stage, rows in document["records"].items()
             for name, row in rows.items()
         }
@@ -148,5 +174,11 @@ def _load(memory: Path) -> dict[tuple[str, str], tuple[Signature, Entry]]:
         return {}
 
 
-def _states(row: dict[str, list[int]]) -> dict[str, FileState]:
-    return {name: (size, time) for name, (size, time) in row.items()}
+def _entry(row: list[Any], settings: list[Any]) -> tuple[Signature, Entry]:
+    size, time, inode, key, own, number, seconds, nfe, files, states = row
+    fields = own if settings[number] is None else {**own, "settings": settings[number]}
+    return (size, time, inode), Entry(key, fields, seconds, nfe, files, _states(states))
+
+
+def _states(rows: Mapping[str, Any]) -> dict[str, FileState]:
+    return {name: (row[0], row[1]) for name, row in rows.items()}

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from yesnt.core.stage_id import StageId
-from yesnt.inspect.audit import states
+from yesnt.inspect.frame_states import states
 from yesnt.measure.trade.run import read_trade
 from yesnt.planning.stages import STAGES, find_stage
 from yesnt.runtime.session import Session

@@ -17,6 +17,7 @@ import numpy as np
 
 from yesnt.core.camera import Camera
 from yesnt.core.errors import JobError
+from yesnt.core.job_progress import Progress, no_progress
 from yesnt.core.parallel import parallel_map
 from yesnt.core.shot import Job
 from yesnt.io import shot_inputs
@@ -25,7 +26,8 @@ from yesnt.io.fact_cache import FactCache
 from yesnt.io.jobfile import frame_path, frames_on_disk, pass_patterns
 from yesnt.io.mesh import read_mesh
 from yesnt.io.output import OutputFolder
-from yesnt.runtime.preflight import READERS, Progress, Resolved, no_progress
+from yesnt.io.records import digest_of
+from yesnt.runtime.preflight import READERS, Resolved
 
 STORE_BYTES_PER_PIXEL = 80
 """All arrays of the store and the EXR of one frame, before compression."""
@@ -48,6 +50,7 @@ class InputChecks:
     def __init__(self, resolved: Resolved, progress: Progress = no_progress) -> None:
         self._job, self._digests, self._progress = resolved.job, resolved.digests, progress
         self.facts = FactCache(OutputFolder.of(self._job).run / "facts.json")
+        self._keys: dict[int, str] = {}
 
     def form(self) -> list[str]:
         """What is told in a moment: frames that are too many, sizes, room for the results; returns warnings.
@@ -110,8 +113,13 @@ class InputChecks:
         span = [inside.min(axis=1).tolist(), inside.max(axis=1).tolist()] if known and inside is not None else None
         return {"counts": {what: count for what, count in counts.items() if count}, "range": span}
 
-    def _frame_key(self, frame: int) -> dict[str, Any]:
-        """Everything that the check of a frame depends on."""
+    def _frame_key(self, frame: int) -> str:
+        """Digest of everything that the check of a frame depends on."""
+        if frame not in self._keys:
+            self._keys[frame] = digest_of(self._depends(frame))
+        return self._keys[frame]
+
+    def _depends(self, frame: int) -> dict[str, Any]:
         job, shot = self._job, self._job.shot
         patterns: dict[str, str | None] = {
             "plate": shot.plate.path, "gbuffer": shot.gbuffer.path, "camera": shot.camera,
@@ -137,7 +145,7 @@ class InputChecks:
         for role, light in (("light", job.shot.light), ("capture_light", job.shot.capture_light)):
             pattern = light.path if light is not None else None
             for path in dict.fromkeys(frame_path(job.root, pattern, f) for f in job.frames if pattern is not None):
-                key = {"check": "map", "code": code_digest(), "file": self._digests[str(path)]}
+                key = digest_of({"check": "map", "code": code_digest(), "file": self._digests[str(path)]})
                 negative = self.facts.fetch(key, partial(_negative_values, path))
                 if negative:
                     yield f"{role}: {negative} negative values in {path} are read as 0"

@@ -8,8 +8,10 @@ from pathlib import Path
 
 from yesnt.core.camera import Camera
 from yesnt.core.errors import JobError
+from yesnt.core.job_progress import Progress, no_progress
 from yesnt.core.shot import Job, Shot
 from yesnt.decompose.identity import BackendIdentity, identify_backend
+from yesnt.decompose.registry import find_weights
 from yesnt.io.file_digests import FileDigests
 from yesnt.io.jobfile import frame_path, load_shot, parse_frames, pass_patterns
 from yesnt.io.output import OutputFolder
@@ -18,13 +20,6 @@ from yesnt.temporal.flow import LEARNED
 
 READERS = 2
 """Frames that are decoded side by side while checking; it bounds memory."""
-
-Progress = Callable[[str, int, int], None]
-"""Called with what is being done, how many items are done, and their total."""
-
-
-def no_progress(what: str, done: int, total: int) -> None:
-    """Reports nothing."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +37,16 @@ class Resolved:
     digests: dict[str, str]
     backend: BackendIdentity | None
     memory: FileDigests = field(compare=False, repr=False)
+
+    @property
+    def files(self) -> list[str]:
+        """Every file that the job's keys depend on: inputs, and the weights of the decomposition."""
+        decompose = self.job.shot.decompose
+        if self.backend is None:
+            return list(self.digests)
+        weights = find_weights(decompose.backend, of.weights_path(self.job.root, self.job.shot))
+        inside = [path for path in weights.rglob("*") if path.is_file()] if weights.is_dir() else [weights]
+        return [*self.digests, *map(str, inside)]
 
 
 def resolve(path: str | Path, accept_license: tuple[str, ...] = (), progress: Progress = no_progress) -> Resolved:

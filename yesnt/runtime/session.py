@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from yesnt.core.errors import UsageError
+from yesnt.core.job_progress import Progress, no_progress
 from yesnt.core.stage_id import StageId
 from yesnt.io.durable import sweep_partials, write_json
 from yesnt.io.jobfile import parse_frames
@@ -29,7 +30,7 @@ from yesnt.runtime.cluster import ClusterSpec, address_of, check_kind, dashboard
 from yesnt.runtime.driver import Driver, DriverSettings, Outcome, is_done
 from yesnt.runtime.input_checks import InputChecks
 from yesnt.runtime.precompile import Precompilation
-from yesnt.runtime.preflight import Progress, Resolved, no_progress, resolve
+from yesnt.runtime.preflight import Resolved, resolve
 from yesnt.runtime.stop_cluster import stop_now
 from yesnt.tasks.run import run_node, worker_modules
 from yesnt.workflows.shot import shot_graph

@@ -99,5 +99,5 @@ def _run_folder(job: Path) -> Path | None:
 
 
 def _code() -> list[str]:
-    """The package's own modules: another version may judge otherwise."""
+    """The package's own modules: another version may see a frame as stale."""
     return sorted(str(path) for path in _PACKAGE.rglob("*.py"))

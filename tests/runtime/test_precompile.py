@@ -1,5 +1,6 @@
 """Kernels are compiled once, before work, and nothing is left to compile for the tasks."""
 
+import asyncio
 import json
 import subprocess
 import sys
@@ -9,7 +10,8 @@ import time
 import pytest
 
 from yesnt.cli.text import compiling_line
-from yesnt.runtime import precompile
+from yesnt.runtime import cluster, precompile
+from yesnt.runtime.cluster import _prepare_plugin
 from yesnt.runtime.precompile import Precompilation, Unit, compile_missing
 
 SIGNATURES = """
@@ -114,3 +116,17 @@ def test_a_run_that_ends_early_ends_its_compilers(units, monkeypatch):
     waiting.join(10)
     assert not waiting.is_alive()
     assert "compiled" not in [event["event"] for event in events]
+
+
+@pytest.mark.parametrize(
+    ("compiles", "modules", "expected"), [(True, ("json",), 2), (False, ("json",), 0), (True, (), 0)]
+)
+def test_workers_of_another_cluster_compile_what_is_missing(units, compiles, modules, expected):
+    """The workers of our own cluster find everything compiled; one that runs no tasks of ours needs nothing."""
+    asyncio.run(_prepare_plugin(modules, compiles).setup(None))
+    assert len(units) == expected
+
+
+def test_a_worker_that_cannot_compile_still_joins(monkeypatch):
+    monkeypatch.setattr(cluster, "compile_missing", lambda: 1 / 0)
+    asyncio.run(_prepare_plugin(("json",), True).setup(None))

@@ -291,7 +291,8 @@ def _prepare_plugin(modules: tuple[str, ...], compiles: bool) -> Any:
             os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
             await asyncio.to_thread(import_all, modules)
             if compiles and modules:
-                await asyncio.to_thread(compile_missing)
+                with suppress(Exception):  # a task compiles the kernel that it lacks, or says why it cannot
+                    await asyncio.to_thread(compile_missing)
             pin_threads()
 
     return Prepare()

@@ -118,15 +118,22 @@ def test_a_run_that_ends_early_ends_its_compilers(units, monkeypatch):
     assert "compiled" not in [event["event"] for event in events]
 
 
+@pytest.fixture
+def unpinned(monkeypatch):
+    """A worker pins the libraries of its process; this process is not ours to pin."""
+    monkeypatch.setattr(cluster, "THREAD_VARIABLES", ())
+    monkeypatch.setattr(cluster, "pin_threads", dict)
+
+
 @pytest.mark.parametrize(
     ("compiles", "modules", "expected"), [(True, ("json",), 2), (False, ("json",), 0), (True, (), 0)]
 )
-def test_workers_of_another_cluster_compile_what_is_missing(units, compiles, modules, expected):
+def test_workers_of_another_cluster_compile_what_is_missing(units, unpinned, compiles, modules, expected):
     """The workers of our own cluster find everything compiled; one that runs no tasks of ours needs nothing."""
     asyncio.run(_prepare_plugin(modules, compiles).setup(None))
     assert len(units) == expected
 
 
-def test_a_worker_that_cannot_compile_still_joins(monkeypatch):
+def test_a_worker_that_cannot_compile_still_joins(unpinned, monkeypatch):
     monkeypatch.setattr(cluster, "compile_missing", lambda: 1 / 0)
     asyncio.run(_prepare_plugin(("json",), True).setup(None))

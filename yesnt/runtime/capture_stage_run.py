@@ -24,7 +24,7 @@ Listener = Callable[[Mapping[str, Any]], None]
 
 @dataclass(frozen=True)
 class CaptureStageContext:
-    """What every render task is told: the root of all sets, and the programs that render."""
+    """Sent with every render task: the root of all sets, and the programs that render."""
 
     out: str
     tools: Tools

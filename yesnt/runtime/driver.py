@@ -1,6 +1,6 @@
 """The driver: a bounded window of futures over a graph of nodes; retries, deaths, resume.
 
-Dask is told of as many tasks as there are slots and of nothing else. What is done is known from the records alone, so a
+Dask knows only the running tasks, one for each slot. What is done is known from the records alone, so a
 driver, a worker or a scheduler may vanish at any moment and the next run goes on from the records.
 """
 

@@ -53,7 +53,7 @@ class InputChecks:
         self._keys: dict[int, str] = {}
 
     def form(self) -> list[str]:
-        """What is told in a moment: frames that are too many, sizes, room for the results; returns warnings.
+        """Quick checks: frames outside the range, sizes, room for the results; returns warnings.
 
         Raises:
             JobError: as said.

@@ -171,7 +171,7 @@ class Session:
         """
         check_kind(options.cluster)
         graph = self.graph()
-        wanted = graph.closure(self.targets(graph, options))  # a wrong option is told before anything is written
+        wanted = graph.closure(self.targets(graph, options))  # wrong options are refused before anything is written
         warnings = self.checks.form()
         result = RunResult(warnings=warnings, output=self.output.root)
         with _LazyCluster(options.cluster, worker_modules(self.job.shot)) as cluster:

@@ -5,7 +5,15 @@ import pytest
 import torch
 
 from yesnt.decompose.network import sample_at_patch
-from yesnt.training.synthetic.dataset import Patches, crop, draw_image, draw_mix, draw_patches, recolour_garments
+from yesnt.training.synthetic.dataset import (
+    Patches,
+    crop,
+    draw_image,
+    draw_mix,
+    draw_patches,
+    expose,
+    recolour_garments,
+)
 from yesnt.training.synthetic.light import COLUMNS, LEVELS, ROWS, Light, draw_light, environment_brdf
 from yesnt.training.synthetic.materials import CLASSES, MATERIAL, PRIOR, draw_class, paint
 from yesnt.training.synthetic.render import Rendering, paint_surface, render
@@ -204,6 +212,43 @@ def test_the_whole_shows_the_patch_where_it_says_so(seed):
     assert np.abs(sampled - shown).mean() < 0.06
     assert example.context_truth[2].mean() == pytest.approx(example.context[3].mean(), abs=0.02)
     assert ((example.context_kind >= 0) == (example.context_truth[2] > 0.5)).mean() > 0.9
+
+
+def test_transposing_exchanges_rows_and_columns_of_planes_and_location():
+    example = crop(np.random.default_rng(0), draw_image(np.random.default_rng(0), 144), 64)
+    turned = example.transposed()
+    np.testing.assert_array_equal(turned.location, example.location[[1, 0, 2]])
+    np.testing.assert_array_equal(turned.rgb, example.rgb.transpose(0, 2, 1))
+    np.testing.assert_array_equal(turned.context_kind, example.context_kind.T)
+    twice = example.mirrored().mirrored()
+    np.testing.assert_allclose(twice.location, example.location, atol=1e-6)
+    np.testing.assert_array_equal(twice.matte, example.matte)
+
+
+@pytest.mark.parametrize("shrink", [1.0, 1.5])
+def test_colours_and_truth_are_straight_at_soft_edges(shrink):
+    """A uniform subject: inside the matte every pixel has its values, whatever the coverage."""
+    matte = np.clip(1.5 - np.hypot(*np.indices((128, 128)) / 64 - 1)[None] * 1.5, 0, 1)[0].astype(np.float32)
+    truth = np.broadcast_to(np.array([0.3, 1.0], np.float32)[:, None, None], (2, 128, 128)) * (matte > 0)
+    kind = np.where(matte > 0, 5, -1)
+    image = Rendering(np.broadcast_to(0.4 * matte, (3, 128, 128)), matte, truth, kind)
+    example = crop(np.random.default_rng(0), image, 64, shrink)
+    inside = example.matte[0] > 0.05
+    assert ((example.matte[0] > 0.05) & (example.matte[0] < 0.9)).sum() > 100
+    np.testing.assert_allclose(example.truth[0][inside], 0.3, atol=2e-3)
+    np.testing.assert_allclose(example.truth[1][inside], 1, atol=5e-3)
+    whole = example.context_truth[2] > 0.05
+    np.testing.assert_allclose(example.context_truth[0][whole], 0.3, atol=2e-3)
+
+
+def test_exposure_keeps_colours_straight_up_to_gain_and_noise():
+    rgb, matte = np.full((3, 64, 64), 0.2, np.float32), np.full((64, 64), 0.5, np.float32)
+    for seed in range(8):
+        straight, cover, gain = expose(np.random.default_rng(seed), rgb, matte)
+        np.testing.assert_allclose(straight.mean((1, 2)), 0.4 * gain, rtol=0.02)
+        np.testing.assert_allclose(cover, 0.5, atol=1e-6)
+    gains = np.array([expose(np.random.default_rng(seed), rgb[:, :4, :4], matte[:4, :4])[2] for seed in range(400)])
+    assert np.log2(gains.mean(1)).std() == pytest.approx(0.4, abs=0.05)
 
 
 def test_recolouring_gives_cloth_the_colour_of_skin_and_leaves_the_truth():

@@ -19,6 +19,7 @@ from torch.nn import functional as F
 from yesnt.decompose.global_context import ContextBatch
 from yesnt.decompose.network import Network, NetworkShape
 from yesnt.decompose.weights import PATCH
+from yesnt.training.checkpoint import read_state
 from yesnt.training.losses import estimator_loss
 from yesnt.training.synthetic.dataset import Patches, draw_patches
 from yesnt.training.synthetic.materials import CLASSES
@@ -60,7 +61,7 @@ def main():
     parser.add_argument("--pictures", type=int, default=100)
     options = parser.parse_args()
     torch.set_num_threads(1)
-    state, shape = torch.load(options.checkpoint, weights_only=True), NetworkShape()
+    state, shape = read_state(options.checkpoint), NetworkShape()
     network, classes = Network(shape), torch.nn.Conv2d(shape.condition, len(CLASSES), 1)
     network.load_state_dict(state["network"])
     classes.load_state_dict(state["classes"])

@@ -130,3 +130,8 @@ def test_noising_goes_from_the_clean_values_to_pure_noise():
     torch.testing.assert_close(mixed[0], clean[0], atol=1e-6, rtol=0)
     torch.testing.assert_close(mixed[1], (clean[1] + noise[1]) * 0.5**0.5, atol=1e-6, rtol=0)
     torch.testing.assert_close(mixed[2], noise[2], atol=1e-6, rtol=0)
+
+
+def test_a_weights_file_is_readable_by_everyone(tiny_weights):
+    """safetensors creates files for their owner only; workers of a farm run as others."""
+    assert tiny_weights.stat().st_mode & 0o777 == 0o644

@@ -109,6 +109,13 @@ def test_the_estimator_phase_leaves_the_denoiser_unchanged(tmp_path):
         assert torch.equal(old, new)
 
 
+def test_a_checkpoint_of_another_format_is_refused_with_what_to_do(tmp_path):
+    trainer = Trainer(SETTINGS, TINY, tmp_path)
+    torch.save({"step": 3, "network": {}}, tmp_path / "checkpoint.pt")
+    with pytest.raises(JobError, match=r"format 1\..*format 2.*delete the file to begin anew"):
+        trainer.resume(tmp_path / "checkpoint.pt")
+
+
 def test_a_missing_image_is_named_after_the_timeout(tmp_path, monkeypatch):
     monkeypatch.setattr(training, "_IMAGE_TIMEOUT", 0.0)
     monkeypatch.setattr(training.time, "sleep", lambda seconds: None)

@@ -13,7 +13,7 @@ import torch
 from yesnt.core.errors import JobError
 from yesnt.decompose.network import Network, NetworkShape
 from yesnt.decompose.weights import PATCH, channels_last, save_weights
-from yesnt.training.checkpoint import write_state
+from yesnt.training.checkpoint import read_state, write_state
 from yesnt.training.image_archive import (
     OBJECTS,
     PEOPLE,
@@ -158,8 +158,12 @@ class Trainer:
         write_state(path, state)
 
     def resume(self, path: Path) -> None:
-        """Restores the state of a checkpoint."""
-        state = torch.load(path, weights_only=True)
+        """Restores the state of a checkpoint.
+
+        Raises:
+            JobError: the file has another format.
+        """
+        state = read_state(path)
         self.network.load_state_dict(state["network"])
         self.class_head.load_state_dict(state["class_head"])
         self.context_head.load_state_dict(state["context_head"])

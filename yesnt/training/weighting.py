@@ -17,7 +17,7 @@ from yesnt.decompose.auxiliary import AUXILIARY_INPUT_SIDE, AuxiliaryPredictor, 
 from yesnt.decompose.global_context import ContextBatch
 from yesnt.decompose.network import Network, sample_at_patch
 from yesnt.decompose.weights import PATCH, channels_last, save_weights
-from yesnt.training.checkpoint import write_state
+from yesnt.training.checkpoint import read_state, write_state
 from yesnt.training.image_archive import open_views
 from yesnt.training.losses import energy_score
 from yesnt.training.sample_pairs import SamplePairs
@@ -128,8 +128,12 @@ class WeightingTrainer:
         write_state(path, state)
 
     def resume(self, path: Path) -> None:
-        """Restores the state of a checkpoint."""
-        state = torch.load(path, weights_only=True)
+        """Restores the state of a checkpoint.
+
+        Raises:
+            JobError: the file has another format.
+        """
+        state = read_state(path)
         self.network.denoiser.load_state_dict(state["denoiser"])
         self.averaged = state["averaged"]
         self.optimiser.load_state_dict(state["optimiser"])

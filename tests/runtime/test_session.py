@@ -76,7 +76,7 @@ def test_what_comes_out_is_the_contract(finished: Path) -> None:
     assert all(np.isfinite(plane).all() for plane in image.channels.values())
     assert len(image.header.attributes["yesnt:job"]) == 32
     assert image.header.attributes["compression"] == "zip"
-    for name in ("preview.mp4", "contact_sheet.png", "events.jsonl"):
+    for name in ("preview.mp4", "contact_sheet.png", "events.jsonl", "record_index.json"):
         assert (out / "run" / name).stat().st_size > 0
     assert all(json.loads(line) for line in (out / "run" / "events.jsonl").read_text().splitlines())
     assert (out / "run" / "logs" / "relight" / "1001.log").read_text().count("done") == 1

@@ -1,4 +1,4 @@
-"""Clusters: a local one by default, or one that runs already; loopback only unless the user says otherwise."""
+"""Starts a local Dask cluster, or connects to one that is running; plain TCP on this machine only, else TLS."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ ALLOCATOR = {
 kernel and faults it in again: 43 % of the processor time of decomposition, for 4 % less memory."""
 
 WORKER_ENVIRONMENT = {**dict.fromkeys(THREAD_VARIABLES, "1"), **ALLOCATOR, "PYTHONHASHSEED": "6640"}
-"""Of local workers, and of the process that they are forked from; the seed is Dask's own."""
+"""Environment of local workers and of the process that they are forked from; the hash seed is Dask's default."""
 
 _CONNECT_SECONDS = 20
 
@@ -76,10 +76,10 @@ def check_kind(spec: ClusterSpec) -> None:
 
 
 def warm_up(spec: ClusterSpec, modules: tuple[str, ...]) -> None:
-    """Starts the process that local workers are forked from; it imports for all of them, beside whatever comes next.
+    """Starts the server process that local workers are forked from; it imports modules for all of them.
 
-    Imports take more processor time than all else in a worker's start, and a worker that takes a dead one's place
-    would pay them again. The process has one thread, since every library in it is pinned before it starts. It ends
+    Imports take more processor time than all else in a worker's start, and a worker that replaces a dead one would
+    pay them again. The process has one thread, since every library in it is pinned before it starts. It ends
     with its last child. Where a server runs already (a user's own), workers import for themselves.
     """
     if spec.kind != "local":
@@ -257,7 +257,7 @@ def _local(spec: ClusterSpec) -> Iterator[Any]:
 
 
 def _restore(environment: dict[str, str | None]) -> None:
-    """Takes back what the nannies set for their children: it stays set in this process, whose libraries run already."""
+    """Undoes what Dask's nannies set for their children: it would stay set in this process."""
     for name, value in environment.items():
         if value is None:
             os.environ.pop(name, None)
@@ -274,7 +274,7 @@ def _prepare_plugin(modules: tuple[str, ...], compiles: bool) -> Any:
     from distributed import WorkerPlugin
 
     class Prepare(WorkerPlugin):
-        """Readies a worker before its first task, also one that takes a dead worker's place.
+        """Prepares a worker before its first task, also one that replaces a dead worker.
 
         Pinning matters in workers that were started without our environment (a user's own cluster). These also compile
         the kernels; the workers of one host share that work.

@@ -1,7 +1,7 @@
-"""The driver: a bounded window of futures over a graph of nodes; retries, deaths, resume.
+"""Runs a graph of tasks on a Dask cluster: order, retries, dead workers, resume.
 
-Dask knows only the running tasks, one for each slot. What is done is known from the records alone, so a
-driver, a worker or a scheduler may vanish at any moment and the next run goes on from the records.
+The driver submits only as many tasks as the cluster has worker threads. Completed work is read from the commit records
+alone, so a driver, a worker or a scheduler may vanish at any moment, and the next run continues from the records.
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ LOSS_SECONDS = 8.0
 """A scheduler that has not answered for this long is lost."""
 
 ALONE_SECONDS = 4.0
-"""A scheduler that has had no worker for this long is worth a line."""
+"""A scheduler without workers for this long is reported to the user."""
 
 NO_WORKER = "the scheduler has no worker; the run goes on when one joins"
 
 
 @dataclass(frozen=True)
 class DriverSettings:
-    """How failures are met.
+    """How failures are handled.
 
     Attributes:
-        retries: how often a task that raised is run again.
-        deaths: a node that was alone with its worker this often when the worker died is dead.
+        retries: how often a task that raised an exception is run again.
+        deaths: a node is dead after its worker died this often while the node was the only task on it.
     """
 
     retries: int = 1
@@ -52,7 +52,17 @@ class DriverSettings:
 
 @dataclass
 class Outcome:
-    """What a run came to: nodes by what became of them."""
+    """Result of a run.
+
+    Attributes:
+        done: nodes that ran to their end.
+        reused: nodes that were done before.
+        failed: node -> error of its last attempt.
+        dead: node -> reason; its workers died.
+        blocked: nodes that were not run because a node they need failed or died.
+        busy_seconds: sum over tasks.
+        kernel_seconds: the part of it that tasks spent in kernels.
+    """
 
     done: list[NodeId] = field(default_factory=list)
     reused: list[NodeId] = field(default_factory=list)
@@ -64,7 +74,7 @@ class Outcome:
 
     @property
     def complete(self) -> bool:
-        """Whether everything that was asked for is there."""
+        """Whether every node is done."""
         return not (self.failed or self.dead or self.blocked)
 
 
@@ -77,12 +87,12 @@ class Driver:
     """Runs the nodes of a graph that have no record yet.
 
     Args:
-        context: sent with every task: the job, or what else its tasks need; small.
-        graph: nodes, needs first.
+        context: sent with every task, such as the job; small.
+        graph: nodes, each after those that it needs.
         book: the commit records.
-        task: the top-level function that runs a node on a worker.
+        task: importable function that runs a node on a worker.
         settings: retries and deaths.
-        listen: called with a small event for everything that happens.
+        listen: called with a small dictionary for every event: start, done, retry, failed, worker_died, dead, waiting.
     """
 
     def __init__(
@@ -109,9 +119,9 @@ class Driver:
         self._outcome = Outcome()
 
     def reuse(self) -> Outcome:
-        """Takes what is done already; returns the outcome so far. Needs no cluster.
+        """Marks the nodes that are done already; returns the outcome so far. Needs no cluster.
 
-        A transient node whose users are all done is done with, whether its own result is still there or not.
+        A transient node counts as done if all its users are, even if its own result has been removed.
         """
         settled: set[NodeId] = set()
         for node in reversed(list(self._graph)):
@@ -130,11 +140,11 @@ class Driver:
 
     @property
     def remaining(self) -> int:
-        """Nodes that are neither done nor given up."""
+        """Number of nodes that are neither done nor given up."""
         return len(self._waiting)
 
     def run(self, client: Client) -> Outcome:
-        """Runs all that is left (after `reuse`).
+        """Runs the remaining nodes; call `reuse` before.
 
         Raises:
             ClusterLostError: the scheduler vanished; what is committed stays.
@@ -161,7 +171,9 @@ class Driver:
         return self._outcome
 
     def _fill(self, client: Client, slots: int) -> list[tuple[Node, int]]:
-        """Keeps one task a slot under way; a suspect runs alone, so that a second death is its own.
+        """Keeps one task per worker thread running.
+
+        A node whose worker died runs alone, so that a second death is its own.
 
         Returns:
             what it started, each with the number of the attempt.
@@ -189,7 +201,7 @@ class Driver:
         return node, attempt
 
     def _collect(self) -> None:
-        """Waits for one task to end and takes all that have."""
+        """Waits for a task to end and handles all that have ended."""
         try:
             self._take(*self._finished.get(timeout=0.5))
             while True:
@@ -212,7 +224,7 @@ class Driver:
             self._fail(node, _received(future.exception))
 
     def _read_receipts(self) -> None:
-        """Fetches what finished tasks have to tell; their slots are filled before, so that no worker waits for it."""
+        """Fetches the receipts of finished tasks; their successors were submitted before, so no worker waits for it."""
         from distributed import KilledWorker
 
         while self._unread:
@@ -227,7 +239,7 @@ class Driver:
             fault_point("driver.after_receipt")
 
     def _recorded(self, node: Node) -> Receipt:
-        """What the commit record tells of a task whose receipt is gone: its work is not."""
+        """A receipt made from the commit record, for a task whose worker died after it had committed."""
         record = self._book.find(node.stage, node.frames[-1])
         seconds, facts = ({}, {}) if record is None else (record.seconds, record.facts)
         return {
@@ -237,7 +249,7 @@ class Driver:
         }
 
     def _succeed(self, node: Node) -> None:
-        """A finished task has committed its frames: what waited for them may start."""
+        """Marks a node as done; nodes that waited only for it become ready."""
         self._outcome.done.append(node.id)
         self._waiting.pop(node.id)
         for user in self._users[node.id]:
@@ -281,7 +293,7 @@ class Driver:
             self._suspects.append(node.id)
 
     def _give_up(self, node_id: NodeId) -> None:
-        """Removes a node and all that would need it."""
+        """Removes a node and all nodes that need it, directly or not."""
         self._waiting.pop(node_id)
         stack = list(self._users[node_id])
         while stack:
@@ -300,9 +312,9 @@ class Driver:
 
 
 def _places(graph: Graph) -> dict[NodeId, Place]:
-    """The order in which nodes that are ready start: deepest first, to drain what was begun; then frame by frame.
+    """Priority of each node among those that are ready: late stages first, to finish frames early; then by frame.
 
-    Stages of one depth (flow and decomposition) go through a shot side by side, so that a worker reads a plate once.
+    Stages of equal depth (flow and decomposition) alternate frame by frame, so that a worker reads each plate once.
     """
     depth: dict[NodeId, int] = {}
     for node in graph:
@@ -358,7 +370,7 @@ def _no_worker_errors() -> tuple[type[Exception], ...]:
 
 
 def _received(fetch: Callable[..., Any]) -> Any:
-    """What the scheduler holds of a task that has ended."""
+    """Fetches the result or the exception of a task that has ended; a lost scheduler raises ClusterLostError."""
     from distributed.client import FutureCancelledError
 
     try:

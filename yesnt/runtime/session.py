@@ -1,4 +1,4 @@
-"""One run of a shot: check, lock, lay out, drive; and the questions about it that need no cluster."""
+"""A shot and its output folder: what is planned, what is done, and running what is not."""
 
 from __future__ import annotations
 
@@ -57,7 +57,15 @@ class RunOptions:
 
 @dataclass
 class RunResult:
-    """What a run left: outcome over all passes, frames that are missing and why."""
+    """Result of `Session.run`.
+
+    Attributes:
+        outcome: of all passes over the graph.
+        missing: (stage, frame) -> why it could not be made.
+        warnings: of the input checks.
+        output: the output folder.
+        dashboard: address of the scheduler's dashboard; "" if no cluster was needed.
+    """
 
     outcome: Outcome = field(default_factory=Outcome)
     missing: dict[tuple[StageId, int], str] = field(default_factory=dict)
@@ -68,7 +76,7 @@ class RunResult:
 
 @dataclass(frozen=True)
 class Missing:
-    """Frames that cannot be had, by what they are missing for."""
+    """Frames that could not be made: (stage, frame) -> reason."""
 
     reasons: Mapping[tuple[StageId, int], str]
 
@@ -186,6 +194,7 @@ class Session:
                 while self._pass(options, result, cluster, tell):
                     pass
                 self._sweep_transients()
+                self._index_records()
                 result.dashboard = cluster.dashboard
         return result
 
@@ -211,6 +220,14 @@ class Session:
         lost = {stage.name for stage, _ in (*outcome.failed, *outcome.dead)}
         found = len(result.missing) > len(known.reasons)  # else the next pass would fail alike
         return bool(found and outcome.blocked and lost - {"preview"})  # a video cannot leave out frames of its own
+
+    def _index_records(self) -> None:
+        """Brings the record index up to date, so that the next `status` reads no records."""
+        index = self.open_index()
+        for node in (node for node in self.graph() if not node.transient):
+            for frame in node.frames:
+                index.find(node.stage, frame)
+        index.save()
 
     def _sweep_transients(self) -> None:
         """Removes transient results once all their users are done: earlier sweeps, windows, video segments."""
@@ -263,7 +280,7 @@ class Session:
 
 
 class _LazyCluster:
-    """A cluster that starts beside other work, and only if there is something to do.
+    """A cluster that starts in the background, and only if there is something to run.
 
     The kernels of local workers are compiled in the same time, each once.
     """

@@ -18,7 +18,7 @@ def run_here(path: Path, until: str = "decompose", frames: str | None = None, or
     plan, graph = session.plan(), session.graph()
     graph = graph.closure(session.targets(graph, RunOptions(frames, until)))
     FrameStore.create(
-        session.output.store, plan.arrays(), len(session.job.frames), session.job.height, session.job.width
+        session.output.store, plan.arrays(), session.job.frames, session.job.height, session.job.width
     )
     session.output.exr.mkdir(parents=True, exist_ok=True)
     waiting = [node for node in graph if not is_done(session.book, node)]

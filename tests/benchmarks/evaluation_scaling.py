@@ -137,7 +137,7 @@ def run(length, folder):
     from yesnt.io.store import FrameStore
 
     job = session.job
-    FrameStore.create(session.output.store, session.plan().arrays(), length, job.height, job.width)
+    FrameStore.create(session.output.store, session.plan().arrays(), job.frames, job.height, job.width)
     for node in graph:
         run_node(job, node)
 

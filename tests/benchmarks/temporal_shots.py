@@ -42,7 +42,7 @@ def predicted(folder, work):
     (home / "shot.yaml").write_text(yaml.safe_dump(document))
     session = Session(home)
     plan, store = session.plan(), session.output.store
-    FrameStore.create(store, plan.arrays(), len(session.job.frames), session.job.height, session.job.width)
+    FrameStore.create(store, plan.arrays(), session.job.frames, session.job.height, session.job.width)
     for node in full_frame_nodes(plan, Graph()):
         if not is_done(session.book, node):
             run_node(session.job, node)

@@ -20,7 +20,7 @@ def frame(seed: int) -> np.ndarray:
 
 @pytest.fixture
 def store(tmp_path: Path) -> FrameStore:
-    return FrameStore.create(tmp_path / "s.zarr", {"observed": "observed"}, 3, 20, 24)
+    return FrameStore.create(tmp_path / "s.zarr", {"observed": "observed"}, range(3), 20, 24)
 
 
 def test_a_frame_comes_back_exactly(store: FrameStore) -> None:
@@ -31,7 +31,7 @@ def test_a_frame_comes_back_exactly(store: FrameStore) -> None:
 
 @pytest.mark.parametrize("size", [(1, 1), (255, 3), (256, 257), (300, 520)])
 def test_every_size_is_one_shard_a_frame(tmp_path: Path, size: tuple[int, int]) -> None:
-    store = FrameStore.create(tmp_path / "s.zarr", {"z": "z"}, 2, *size)
+    store = FrameStore.create(tmp_path / "s.zarr", {"z": "z"}, range(2), *size)
     values = np.random.default_rng(0).random((1, *size), dtype=np.float32)
     digest = store.write("z", 0, values)
     np.testing.assert_array_equal(store.read("z", 0, digest), values)
@@ -45,7 +45,7 @@ def test_partial_frames_are_refused(store: FrameStore) -> None:
 
 def test_creating_again_keeps_what_is_there(store: FrameStore) -> None:
     digest = store.write("observed", 0, frame(0))
-    again = FrameStore.create(store.path, {"observed": "observed", "solve.0": "material"}, 3, 20, 24)
+    again = FrameStore.create(store.path, {"observed": "observed", "solve.0": "material"}, range(3), 20, 24)
     np.testing.assert_array_equal(again.read("observed", 0, digest), frame(0))
 
 
@@ -56,7 +56,7 @@ def test_a_frame_is_carried_over_without_its_pixels(
     def refuse(source: Path, path: Path) -> None:
         raise OSError(errno.EPERM, "no hard links here")
 
-    FrameStore.create(store.path, {"solve.0": "material", "solve.1": "material"}, 3, 20, 24)
+    FrameStore.create(store.path, {"solve.0": "material", "solve.1": "material"}, range(3), 20, 24)
     if not linkable:
         monkeypatch.setattr(os, "link", refuse)
     digest = store.write("solve.0", 1, frame(1))
@@ -68,7 +68,7 @@ def test_a_frame_is_carried_over_without_its_pixels(
 
 
 def test_only_frames_of_one_form_that_are_there_are_carried_over(store: FrameStore) -> None:
-    FrameStore.create(store.path, {"solve.0": "material", "z": "z"}, 3, 20, 24)
+    FrameStore.create(store.path, {"solve.0": "material", "z": "z"}, range(3), 20, 24)
     with pytest.raises(ValueError, match="not of one form"):
         store.link("z", "solve.0", 0)
     with pytest.raises(CorruptError, match="its file is missing"):
@@ -103,7 +103,7 @@ def test_every_fault_is_found(store: FrameStore, fault) -> None:
 @settings(max_examples=60, deadline=None)
 @given(where=st.floats(0, 1, exclude_max=True), bit=st.integers(0, 7))
 def test_every_flipped_bit_is_found(tmp_path_factory: pytest.TempPathFactory, where: float, bit: int) -> None:
-    store = FrameStore.create(tmp_path_factory.mktemp("s") / "s.zarr", {"observed": "observed"}, 1, 20, 24)
+    store = FrameStore.create(tmp_path_factory.mktemp("s") / "s.zarr", {"observed": "observed"}, range(1), 20, 24)
     digest = store.write("observed", 0, frame(0))
     path = store.shard_path("observed", 0)
     data = bytearray(path.read_bytes())
@@ -111,3 +111,59 @@ def test_every_flipped_bit_is_found(tmp_path_factory: pytest.TempPathFactory, wh
     path.write_bytes(data)
     with pytest.raises(CorruptError):
         store.read("observed", 0, digest)
+
+
+OBSERVED = {"observed": "observed"}
+
+
+def held(store: FrameStore, positions: range) -> dict[int, float]:
+    """First value of every stored frame, by position."""
+    return {p: float(store.read("observed", p)[0, 0, 0]) for p in positions if store.shard_path("observed", p).exists()}
+
+
+@pytest.mark.parametrize(
+    ("frames", "after"),
+    [
+        (range(1001, 1005), {0: 1.0, 1: 2.0, 2: 3.0, 3: 4.0}),
+        (range(999, 1005), {2: 1.0, 3: 2.0, 4: 3.0, 5: 4.0}),
+        (range(1002, 1004), {0: 2.0, 1: 3.0}),
+        ([-3, -2, 7, 1001, 1004, 1010], {3: 1.0, 4: 4.0}),
+    ],
+)
+def test_frames_follow_their_numbers_when_the_range_changes(tmp_path: Path, frames, after) -> None:
+    store = FrameStore.create(tmp_path / "s.zarr", OBSERVED, range(1001, 1005), 20, 24)
+    for position in range(4):
+        store.write("observed", position, np.full((2, 20, 24), 1 + position, np.float32))
+    changed = FrameStore.create(store.path, OBSERVED, frames, 20, 24)
+    assert held(changed, range(len(frames))) == after
+    back = FrameStore.create(store.path, OBSERVED, range(1001, 1005), 20, 24)
+    assert held(back, range(4)) == {value - 1: value for value in sorted(after.values())}
+    assert sorted(path.name for path in store.path.iterdir() if path.is_dir()) == ["observed"]
+
+
+@pytest.mark.parametrize("renamed", [0, 1], ids=["before the first rename", "between the renames"])
+def test_a_move_that_is_killed_leaves_the_old_array_or_the_new(tmp_path: Path, renamed, monkeypatch) -> None:
+    store = FrameStore.create(tmp_path / "s.zarr", OBSERVED, range(1, 5), 20, 24)
+    for position in range(4):
+        store.write("observed", position, np.full((2, 20, 24), 1 + position, np.float32))
+    whole, seen = os.replace, []
+
+    def killed(source: Path, target: Path) -> None:
+        if Path(target).parent == store.path and Path(source).is_dir():
+            seen.append(target)
+            if len(seen) > renamed:
+                raise KeyboardInterrupt
+        whole(source, target)
+
+    monkeypatch.setattr(os, "replace", killed)
+    with pytest.raises(KeyboardInterrupt):
+        FrameStore.create(store.path, OBSERVED, range(0, 5), 20, 24)
+    monkeypatch.setattr(os, "replace", whole)
+    again = FrameStore.create(store.path, OBSERVED, range(0, 5), 20, 24)
+    assert held(again, range(5)) == {1: 1.0, 2: 2.0, 3: 3.0, 4: 4.0}
+
+
+def test_another_size_of_frame_starts_anew(tmp_path: Path) -> None:
+    store = FrameStore.create(tmp_path / "s.zarr", OBSERVED, range(2), 20, 24)
+    store.write("observed", 0, np.ones((2, 20, 24), np.float32))
+    assert held(FrameStore.create(store.path, OBSERVED, range(2), 20, 26), range(2)) == {}

@@ -40,7 +40,7 @@ def solve_graph(session: Session) -> Graph:
 def run_here(session: Session, backwards: bool = False, stop: int | None = None) -> None:
     """Runs what is left in this process, needs first; `backwards` takes the last node that is ready."""
     job, graph = session.job, solve_graph(session)
-    FrameStore.create(session.output.store, session.plan().arrays(), len(job.frames), job.height, job.width)
+    FrameStore.create(session.output.store, session.plan().arrays(), job.frames, job.height, job.width)
     waiting = [node for node in graph if not is_done(session.book, node)]
     done = {node.id for node in graph} - {node.id for node in waiting}
     while waiting and stop != 0:

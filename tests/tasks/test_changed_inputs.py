@@ -140,7 +140,7 @@ def test_an_input_that_changes_during_a_run_is_not_committed_under_the_old_key(t
     path = prepare(tmp_path / "shot", changes)
     session = Session(path)
     graph = session.graph()
-    FrameStore.create(session.output.store, session.plan().arrays(), 2, SIZE[1], SIZE[0])
+    FrameStore.create(session.output.store, session.plan().arrays(), range(2), SIZE[1], SIZE[0])
     session.output.exr.mkdir(parents=True)
     forget_all()
     change(path.parent)

@@ -47,7 +47,7 @@ FIRST, SECOND = StageId("solve", 0), StageId("solve", 1)
 def job(tmp_path: Path):
     job = resolve(write_tiny_shot(tmp_path / "shot", 2)).job
     arrays = {stage.array("material"): "material" for stage in (FIRST, SECOND)}
-    FrameStore.create(OutputFolder.of(job).store, arrays, 2, job.height, job.width)
+    FrameStore.create(OutputFolder.of(job).store, arrays, range(2), job.height, job.width)
     return job
 
 

@@ -7,7 +7,7 @@ is checked against the digest in that record.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -16,22 +16,11 @@ import numpy as np
 import xxhash
 import zarr
 from numpy.typing import NDArray
-from zarr.codecs import BytesCodec, Crc32cCodec, ZstdCodec
 from zarr.storage import LocalStore
 
-from yesnt.core.channels import CHANNELS
 from yesnt.core.errors import CorruptError
 from yesnt.io.durable import link_file, retried, write_bytes
-
-_ZSTD_LEVEL = -1
-"""Three times as fast as level 1, for shards that are a tenth larger: float noise hardly shrinks, empty pixels do."""
-
-ArrayForm = str | tuple[str, int]
-"""A channel's name, or with it the rows of a band."""
-
-_ROWS = 256
-"""Most rows of an inner chunk, which holds all components at full width. A solver reads bands of rows without decoding
-whole frames; a small frame is one or two chunks, since Zarr's own work for a chunk costs more than coding 100 kB."""
+from yesnt.io.store_layout import ArrayForm, Extent, lay_out, shard_path
 
 
 class DurableStore(LocalStore):
@@ -67,39 +56,20 @@ class FrameStore:
         return _opened(str(folder), metadata)
 
     @classmethod
-    def create(cls, path: Path, arrays: Mapping[str, ArrayForm], length: int, height: int, width: int) -> FrameStore:
-        """Lays the store out before any task runs; arrays that exist in this form are kept.
+    def create(
+        cls, path: Path, arrays: Mapping[str, ArrayForm], frames: Sequence[int], height: int, width: int
+    ) -> FrameStore:
+        """Lays the store out before any task runs; frames that are in it stay, at the positions of their numbers.
 
         Args:
             path: folder.
             arrays: array name -> channel name (`solve.0` holds the channel `material`), or channel name and rows of an
                 array that holds a band of rows.
-            length: frames.
+            frames: frame numbers of the shot, in order.
             height: rows.
             width: columns.
         """
-        group = zarr.open_group(DurableStore(path), mode="a")
-        for name, form in arrays.items():
-            channel_name, height_of = (form, height) if isinstance(form, str) else form
-            rows = chunk_rows(height_of)
-            channel = CHANNELS[channel_name]
-            shape = (length, channel.components, height_of, width)
-            if name in group and getattr(group[name], "shape", None) == shape:
-                continue
-            group.create_array(
-                name,
-                shape=shape,
-                dtype=channel.dtype,
-                shards=(1, channel.components, rows * -(-height_of // rows), width),
-                chunks=(1, channel.components, rows, width),
-                serializer=BytesCodec(endian="little"),
-                compressors=(ZstdCodec(level=_ZSTD_LEVEL), Crc32cCodec()),
-                fill_value=float("nan"),
-                config={"write_empty_chunks": True},
-                dimension_names=("frame", "component", "y", "x"),
-                attributes={"unit": channel.unit, "space": channel.space},
-                overwrite=True,
-            )
+        lay_out(zarr.open_group(DurableStore(path), mode="a"), path, arrays, Extent(frames, height, width))
         return cls(path)
 
     def write(self, name: str, position: int, frame: NDArray[np.floating]) -> str:
@@ -150,7 +120,7 @@ class FrameStore:
 
     def shard_path(self, name: str, position: int) -> Path:
         """The file that holds one frame."""
-        return self.path / name / "c" / str(position) / "0" / "0" / "0"
+        return shard_path(self.path / name, position)
 
 
 @lru_cache(maxsize=64)
@@ -169,11 +139,6 @@ def array_digest(values: NDArray[Any]) -> str:
     digest = xxhash.xxh3_128(f"{values.shape}{values.dtype.str}".encode())
     digest.update(values.data)
     return digest.hexdigest()
-
-
-def chunk_rows(height: int) -> int:
-    """Rows of an inner chunk: as few equal chunks as `_ROWS` allows, so that a shard has next to no padding."""
-    return -(-height // -(-height // _ROWS))
 
 
 def _corrupt(path: Path, name: str, position: int, why: str) -> CorruptError:

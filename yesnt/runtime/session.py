@@ -204,7 +204,7 @@ class Session:
         plan, graph = self.plan(known), self.graph(known)
         graph = graph.closure(self.targets(graph, options))
         FrameStore.create(
-            self.output.store, plan.arrays(), len(self.job.frames), self.job.height, self.job.width
+            self.output.store, plan.arrays(), self.job.frames, self.job.height, self.job.width
         )  # fmt: skip
         driver = Driver(self.job, graph, self.book, run_node, options.driver, tell)
         reused = driver.reuse()

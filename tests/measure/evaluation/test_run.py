@@ -126,7 +126,8 @@ def test_full_is_what_the_product_delivers(evaluated):
     graph = session.graph()
     for node in Graph(graph.closure([(RELIGHT, 0)])):
         if node.stage == RELIGHT:
-            FrameStore.create(session.output.store, session.plan().arrays(), 2, session.job.height, session.job.width)
+            arrays, job = session.plan().arrays(), session.job
+            FrameStore.create(session.output.store, arrays, job.frames, job.height, job.width)
             run_node(session.job, node)
     store, position = FrameStore(session.output.store), 0
     product = session.book.find("relight", 1001).arrays

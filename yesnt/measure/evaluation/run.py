@@ -194,7 +194,7 @@ class _Drive:
         with session.output.lock():
             sweep_partials(session.output.root)
             arrays = session.plan().arrays() | plan.arrays()
-            FrameStore.create(session.output.store, arrays, len(job.frames), job.height, job.width)
+            FrameStore.create(session.output.store, arrays, job.frames, job.height, job.width)
             driver = Driver(job, graph, session.book, run_evaluation_node, None, self._listen)
             reused = driver.reuse()
             counts = _count(list(graph.nodes)), _count(reused.reused)

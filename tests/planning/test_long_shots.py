@@ -10,8 +10,8 @@ import pytest
 
 from tests.planning.long_shot import long_plan
 from tests.tiny_shot import write_tiny_shot
-from yesnt.inspect.frame_states import states
 from yesnt.inspect.forecast import forecast
+from yesnt.inspect.frame_states import states
 from yesnt.planning.graph import Graph
 from yesnt.planning.stages import DECOMPOSE
 from yesnt.runtime.session import Missing, Session

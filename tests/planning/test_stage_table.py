@@ -13,9 +13,9 @@ from tests.planning.long_shot import long_plan
 from tests.planning.toy_stage import ROW, TOY, shot_graph_with_toy
 from tests.tiny_shot import write_tiny_shot
 from yesnt.core.stage_id import StageId
+from yesnt.inspect.forecast import forecast
 from yesnt.inspect.frame_states import states
 from yesnt.inspect.verify import verify
-from yesnt.inspect.forecast import forecast
 from yesnt.io.store import FrameStore
 from yesnt.planning.stages import SOLVE, STAGES, function_of
 from yesnt.planning.task_records import TaskRecord

@@ -19,7 +19,7 @@ from yesnt.core.stage_id import StageId
 from yesnt.planning.chunks import ROUND, ChunkPlan
 
 if TYPE_CHECKING:
-    from yesnt.io.store import ArrayForm
+    from yesnt.io.store_layout import ArrayForm
 
 SOLVE = StageId("solve")
 

@@ -14,7 +14,7 @@ from yesnt.decompose.settings import keyframes_taken
 from yesnt.decompose.window import Window, plan_windows
 from yesnt.io.jobfile import frame_path, has_frame_number
 from yesnt.io.records import digest_of
-from yesnt.io.store import ArrayForm
+from yesnt.io.store_layout import ArrayForm
 from yesnt.planning import settings as of
 from yesnt.planning.chunks import ChunkPlan
 from yesnt.planning.exchange import Exchange

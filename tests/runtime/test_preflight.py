@@ -11,9 +11,10 @@ from tests.tiny_shot import write_tiny_shot
 from yesnt.core.errors import JobError, YesntError
 from yesnt.io.exr import read_image, write_exr
 from yesnt.io.output import OutputFolder
-from yesnt.runtime.input_checks import inspect
+from yesnt.runtime.input_checks import InputChecks, inspect
 from yesnt.runtime.preflight import resolve
 from yesnt.runtime.session import RunOptions, Session
+from yesnt.temporal.flow import LEARNED
 
 
 def check(path: Path) -> list[str]:
@@ -129,6 +130,8 @@ def test_extra_frames_may_be_ignored_by_name(tmp_path: Path) -> None:
         ("relight", {"brdf": "phong"}, "brdf"),
         ("temporal", {"knobs": {"lambda1": -1.0}}, r"lambda1.*key temporal\.knobs"),
         ("flow", {"knobs": {"methid": "dis-fast"}}, "Unknown knob 'methid'"),
+        ("flow", {"knobs": {"method": LEARNED[0]}}, "flow and its weights belong together.*add the other"),
+        ("flow", {"weights": "flow.pt"}, "flow and its weights belong together.*remove the one"),
         ("decompose", {"backend": "magic"}, "there is no backend 'magic'"),
         ("decompose", {"backend": "rgbx", "weights": "/"}, "forbids commercial use.*--accept-license"),
     ],
@@ -137,6 +140,18 @@ def test_wrong_knobs_are_refused_by_name(tmp_path: Path, section: str, value: di
     path = write_tiny_shot(tmp_path / "s", **{section: value})
     with pytest.raises(JobError, match=message):
         resolve(path)
+
+
+def test_ranges_of_the_passes_are_those_inside_the_mattes(tiny_shot: Path) -> None:
+    folder = tiny_shot.parent
+    for frame, value in ((1002, 0.9), (1003, 0.1)):
+        inside = read_image(folder / f"plate.{frame}.exr").channels["A"] > 0
+        rewrite(folder / f"material.{frame}.exr", roughness_Y=np.where(inside, value, 0.0).astype(np.float32))
+    roughness, metallic = InputChecks(resolve(tiny_shot)).material_ranges() or ((), ())
+    assert roughness == pytest.approx((0.1, 0.9), abs=1e-3)
+    assert metallic == (0.0, 1.0)
+    unknown = write_tiny_shot(folder.parent / "embedded", decompose={"backend": "embedded"})
+    assert InputChecks(resolve(unknown)).material_ranges() is None
 
 
 def test_inputs_may_be_links_and_absolute_paths(tmp_path: Path) -> None:

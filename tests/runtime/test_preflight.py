@@ -154,6 +154,12 @@ def test_ranges_of_the_passes_are_those_inside_the_mattes(tiny_shot: Path) -> No
     assert InputChecks(resolve(unknown)).material_ranges() is None
 
 
+def test_checks_report_their_progress(tiny_shot: Path) -> None:
+    reported: list[tuple[str, int, int]] = []
+    InputChecks(resolve(tiny_shot), lambda *progress: reported.append(progress)).content()
+    assert reported == [("Checking frames", done, 4) for done in (1, 2, 3, 4)]
+
+
 def test_inputs_may_be_links_and_absolute_paths(tmp_path: Path) -> None:
     real = write_tiny_shot(tmp_path / "real")
     (tmp_path / "linked").symlink_to(real.parent)

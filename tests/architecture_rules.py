@@ -9,12 +9,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from tests.source_tree import Module, SourceTree
 
 LAYERS = (
-    "shared words", "kernels", "networks", "files", "plans", "tasks", "workflows", "runs", "measurements", "people",
+    "shared terms", "kernels", "networks", "files", "plans", "tasks", "workflows", "runs", "measurements", "user interface",
 )  # fmt: skip
 """Lowest first; a module imports from its own layer and from those before it."""
 
 FOLDERS = {
-    "core": "shared words",
+    "core": "shared terms",
     "temporal": "kernels", "relight": "kernels", "decompose": "kernels", "scene": "kernels", "metrics": "kernels",
     "io": "files", "capture_stage": "files", "training": "files",
     "planning": "plans",
@@ -22,7 +22,7 @@ FOLDERS = {
     "workflows": "workflows",
     "runtime": "runs", "inspect": "runs",
     "measure": "measurements",
-    "report": "people", "cli": "people", "__main__": "people",
+    "report": "user interface", "cli": "user interface", "__main__": "user interface",
 }  # fmt: skip
 
 NETWORKS = (

@@ -65,7 +65,7 @@ class FrameStore:
             path: folder.
             arrays: array name -> channel name (`solve.0` holds the channel `material`), or channel name and rows of an
                 array that holds a band of rows.
-            frames: frame numbers of the shot, in order.
+            frames: frame numbers of the shot, ascending.
             height: rows.
             width: columns.
         """

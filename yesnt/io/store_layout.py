@@ -8,18 +8,18 @@ leaves the old array or the new one.
 from __future__ import annotations
 
 import os
-import re
 import shutil
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import count, groupby
 from pathlib import Path
 
 import zarr
 from zarr.codecs import BytesCodec, Crc32cCodec, ZstdCodec
 
 from yesnt.core.channels import CHANNELS
+from yesnt.core.frame_ranges import frame_ranges
 from yesnt.io.durable import link_file, sync_folder
+from yesnt.io.jobfile import parse_frames
 
 ArrayForm = str | tuple[str, int]
 """A channel's name, or with it the rows of a band."""
@@ -37,7 +37,7 @@ _NEW, _OLD = ".relaid", ".former"
 
 @dataclass(frozen=True)
 class Extent:
-    """Frame numbers of the shot in order, and the size of a frame in pixels."""
+    """Frame numbers of the shot in ascending order, and the size of a frame in pixels."""
 
     frames: Sequence[int]
     height: int
@@ -53,7 +53,7 @@ def lay_out(group: zarr.Group, folder: Path, arrays: Mapping[str, ArrayForm], ex
         arrays: array name -> its form.
         extent: frames and their size.
     """
-    text = ranges_text(extent.frames)
+    text = frame_ranges(extent.frames)
     for name, form in arrays.items():
         _finish_move(folder / name)
         shape = _shape(form, extent)
@@ -64,7 +64,7 @@ def lay_out(group: zarr.Group, folder: Path, arrays: Mapping[str, ArrayForm], ex
         movable = held[0] is not None and held[0][1:] == shape[1:] and isinstance(held[1], str)
         _create(group, name + _NEW if movable else name, form, shape, text)
         if movable:
-            _move(folder / name, _numbers(str(held[1])), extent.frames)
+            _move(folder / name, parse_frames(str(held[1]), str(folder / name)), extent.frames)
 
 
 def shard_path(array: Path, position: int) -> Path:
@@ -75,21 +75,6 @@ def shard_path(array: Path, position: int) -> Path:
 def chunk_rows(height: int) -> int:
     """Rows of an inner chunk: as few equal chunks as `_ROWS` allows, so that a shard has next to no padding."""
     return -(-height // -(-height // _ROWS))
-
-
-def ranges_text(frames: Iterable[int]) -> str:
-    """Frame numbers as comma-separated ranges: `1001-1024,1030`."""
-    numbers = count()
-    runs = (list(run) for _, run in groupby(frames, key=lambda frame: frame - next(numbers)))
-    return ",".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else str(run[0]) for run in runs)
-
-
-def _numbers(text: str) -> list[int]:
-    """The frame numbers of `ranges_text`, in order."""
-    runs = re.finditer(r"(-?\d+)(?:-(-?\d+))?(?:,|$)", text)
-    return [
-        frame for first, last in (run.groups() for run in runs) for frame in range(int(first), int(last or first) + 1)
-    ]
 
 
 def _shape(form: ArrayForm, extent: Extent) -> tuple[int, int, int, int]:

@@ -158,6 +158,13 @@ def test_a_scheduler_that_is_not_there_is_a_lost_cluster(monkeypatch: pytest.Mon
         pass
 
 
+def test_an_outcome_is_complete_if_nothing_failed_died_or_was_blocked() -> None:
+    assert Outcome(done=[(A, 0)], reused=[(B, 0)]).complete
+    assert not Outcome(failed={(A, 0): "why"}).complete
+    assert not Outcome(dead={(A, 0): "why"}).complete
+    assert not Outcome(blocked=[(A, 0)]).complete
+
+
 def test_graph_refuses_nodes_before_their_needs() -> None:
     with pytest.raises(ValueError, match="before what it needs"):
         Graph([Node(B, 0, (0,), {}, ((A, 0),))])

@@ -11,7 +11,7 @@ from tests.tiny_shot import write_tiny_shot
 from yesnt.core.errors import JobError, YesntError
 from yesnt.io.exr import read_image, write_exr
 from yesnt.io.output import OutputFolder
-from yesnt.runtime.input_checks import InputChecks, inspect
+from yesnt.runtime.input_checks import STORE_BYTES_PER_PIXEL, InputChecks, inspect
 from yesnt.runtime.preflight import resolve
 from yesnt.runtime.session import RunOptions, Session
 from yesnt.temporal.flow import LEARNED
@@ -158,6 +158,13 @@ def test_checks_report_their_progress(tiny_shot: Path) -> None:
     reported: list[tuple[str, int, int]] = []
     InputChecks(resolve(tiny_shot), lambda *progress: reported.append(progress)).content()
     assert reported == [("Checking frames", done, 4) for done in (1, 2, 3, 4)]
+
+
+def test_room_is_asked_for_by_pixels_of_all_frames(tiny_shot: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+    monkeypatch.setattr(OutputFolder, "check", lambda self, needed: asked.append(needed))
+    InputChecks(resolve(tiny_shot)).form()
+    assert asked == [4 * 40 * 32 * STORE_BYTES_PER_PIXEL // 2]
 
 
 def test_inputs_may_be_links_and_absolute_paths(tmp_path: Path) -> None:

@@ -9,7 +9,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from tests.source_tree import Module, SourceTree
 
 LAYERS = (
-    "shared terms", "kernels", "networks", "files", "plans", "tasks", "workflows", "runs", "measurements", "user interface",
+    "shared terms", "kernels", "networks", "files", "plans", "tasks",
+    "workflows", "runs", "measurements", "user interface",
 )  # fmt: skip
 """Lowest first; a module imports from its own layer and from those before it."""
 

@@ -136,5 +136,5 @@ def test_ctrl_c_ends_a_run_with_one_line(tmp_path: Path) -> None:
                 os.killpg(process.pid, signal.SIGKILL)
     assert status == 130
     assert [line for line in told if line.startswith("Interrupted")] == told[-1:]
-    assert not [line for line in told if "Traceback" in line or line.startswith(" ")]
+    assert not [line for line in told if "Traceback" in line or line.startswith(" ")], told
     assert seconds <= INTERRUPT_SECONDS

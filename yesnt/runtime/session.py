@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
@@ -328,6 +329,7 @@ class _LazyCluster:
             self._starter.shutdown(wait=True)
             self._stack.close()
             return
+        warnings.simplefilter("ignore")  # the process ends: of coroutines that were never awaited, and the like
         self._starter.shutdown(wait=False)
         if self._started is not None and self._started.done():
             self._stack.__exit__(kind, *rest)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
@@ -56,6 +57,7 @@ def stop_now(client: Any) -> None:
 
     Nothing is lost but the tasks under way: files get their names only when they are whole.
     """
+    warnings.simplefilter("ignore")  # the process ends: of coroutines that were never awaited, and the like
     cluster = client.cluster
     for nanny in getattr(cluster, "workers", {}).values():
         nanny.auto_restart = False

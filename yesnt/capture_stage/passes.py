@@ -66,7 +66,7 @@ def flow(points: Passes, lit: Passes) -> dict[str, Plane]:
     """Pixels to the next frame, x right, y down, half; 0 off the matte.
 
     Blender's vector pass holds in Z, W where the point comes from, seen from the next frame, with y up: hence the
-    minus on x and the doubly turned y (proven by warping in tests/capture_stage).
+    minus on x and the y that is negated twice (checked by warping in tests/capture_stage).
     """
     source, covered = _nearest_hit(points, lit)
     u, v = -points["Vector.Z"][source], points["Vector.W"][source]

@@ -11,7 +11,7 @@ Built = tuple[Array, NDArray[np.int32], dict[str, Array]]
 
 
 def knot(around: int = 260, across: int = 26) -> Built:
-    """A (2, 3) torus knot as a tube of 7.5 cm radius; fields `gilt` and `rust` peak in two stretches."""
+    """A (2, 3) torus knot as a tube of 7.5 cm radius; vertex fields `gilt` and `rust` are high on two parts."""
     t = np.arange(around) / around * 2 * np.pi
     ring = 2 + np.cos(3 * t)
     center = 0.155 * np.stack([ring * np.cos(2 * t), 1.15 * np.sin(3 * t), ring * np.sin(2 * t) / 1.3], -1)

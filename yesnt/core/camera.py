@@ -79,7 +79,7 @@ class Camera:
                 "A camera pose cannot be read",
                 f"{where}: frames",
                 '{"1001": {"world_from_camera": [16 numbers]}}',
-                "mend it",
+                "correct it",
             ) from error
         width, height, fx, fy, cx, cy = numbers
         return cls(int(width), int(height), float(fx), float(fy), float(cx), float(cy), MappingProxyType(poses))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 class YesntError(Exception):
-    """An error told in one paragraph.
+    """An error that is printed as one paragraph.
 
     Args:
         what: the problem, in one clause.

@@ -173,7 +173,7 @@ def _most_frequent(reasons: list[str]) -> str:
 
 
 def _left_out(session: Session, terms: Iterable[Requirement]) -> list[str]:
-    """What this job does without."""
+    """Terms and stages that this job does not need, with reasons."""
     shot = session.job.shot
     found = [f"{term.term}: {term.reason}" for term in terms if not term.modelled]
     if shot.decompose.path is not None:

@@ -1,7 +1,7 @@
-"""Byte-bounded LRU cache of decoded arrays, one a worker process, so that stages share a reading.
+"""Byte-bounded LRU cache of decoded arrays, one per worker process, so that stages share decoded files.
 
-Every key must name the content: the digest of a file or of a committed frame, never a path alone. A worker outlives
-runs, and a path may hold another file in the next one.
+Every key must name the content: the digest of a file or of a committed frame, never a path alone. A worker may
+serve several runs, and a path may hold another file in the next one.
 """
 
 from __future__ import annotations

@@ -196,7 +196,7 @@ def _scanlines(path: str | Path, header: ImageHeader) -> Planes | None:
 
 
 def _any_pixels(source: Any, header: ImageHeader) -> tuple[Planes | None, str]:
-    """The planes of any image, and what OpenImageIO had to complain of."""
+    """The planes of any image, and OpenImageIO's error message."""
     import OpenImageIO as oiio
 
     pixels = source.read_image(oiio.FLOAT)

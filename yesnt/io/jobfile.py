@@ -38,7 +38,7 @@ def load_shot(path: Path) -> Shot:
             f"The job file is not plain YAML ({getattr(error, 'problem', error)})",
             where,
             "mappings and scalars, no tags",
-            "mend it",
+            "correct it",
         ) from error
     try:
         return Shot.model_validate(data)
@@ -67,7 +67,7 @@ def parse_frames(text: str, where: str) -> tuple[int, ...]:
     if not found:
         raise UsageError(
             f"The frame range {_shortened(text)} cannot be used ({problem})", where, "1001-1024 or 1001-1010x2,1020",
-            "mend it",
+            "correct it",
         )  # fmt: skip
     return tuple(sorted(found))
 
@@ -172,7 +172,7 @@ def _job_error(path: Path, node: Any, error: ValidationError) -> JobError:
         f"The value of {key!r} cannot be used: {problem['msg']}",
         f"{path}, line {line}",
         f"see the message; got {problem['input']!r}",
-        "mend it",
+        "correct it",
     )
 
 

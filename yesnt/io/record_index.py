@@ -33,7 +33,7 @@ class Entry:
         seconds: time in the task.
         nfe: network evaluations that the frame took; None where the stage has none.
         files: path relative to the output folder -> digest.
-        states: the same paths -> size and time of change with which the content was last proven.
+        states: the same paths -> size and time of change with which the content was last checked.
     """
 
     key: str
@@ -88,7 +88,7 @@ class RecordIndex:
     def damage(self, stage: object, frame: int) -> str:
         """What is wrong with a frame's files, in words; "" if nothing is.
 
-        A file of another size or time is compared by digest, once: the index remembers the state that was proven.
+        A file of another size or time is compared by digest, once: the index remembers the state that was checked.
         """
         entry = self.find(stage, frame)
         if entry is None:

@@ -106,7 +106,7 @@ class Exchange:
         return {band: self.stage(chunk, band, last) for band, last in known.items()}
 
     def index_of(self, stage: StageId, chunk: int) -> int:
-        """Index of the node that commits a chunk of a stage: the chunk, or 0 if one node commits all frames."""
+        """Index of the node that commits a chunk: the chunk's number, or 0 if one node commits all frames."""
         sweep = self.sweeps if stage.sweep is None else stage.sweep
         return 0 if self.is_joint(sweep) and stage.band is None else chunk
 

@@ -91,5 +91,5 @@ def _build(where: str, make: Callable[..., T], knobs: Mapping[str, Knob], known:
         return make(**knobs)
     except (ValueError, TypeError) as error:
         raise JobError(
-            f"A knob has a value that cannot be used ({error})", f"key {where}", "see the message", "mend it"
+            f"A knob has a value that cannot be used ({error})", f"key {where}", "see the message", "correct it"
         ) from error

@@ -55,11 +55,11 @@ class ProxyScene:
                 "The proxy is not a triangle mesh",
                 f"{points.shape}, {triangles.shape}",
                 "[V, 3] finite, [F, 3]",
-                "mend it",
+                "correct it",
             )
         if triangles.min() < 0 or triangles.max() >= len(points):
             raise JobError(
-                "The proxy names a vertex that it lacks", f"{triangles.max()}", f"< {len(points)}", "mend it"
+                "The proxy names a vertex that it lacks", f"{triangles.max()}", f"< {len(points)}", "correct it"
             )
         return cls(points, triangles)
 
@@ -126,7 +126,7 @@ class ProxyScene:
         return hits
 
     def gather(self, light: Clusters, albedo: F32, bounces: int, offset: float, error: float = 0.0) -> tuple[F32, I32]:
-        """Irradiance of every triangle over pi after `bounces` - 1 diffuse bounces.
+        """Irradiance / pi of each triangle: direct light plus at most `bounces` - 1 diffuse bounces.
 
         Radiosity by gathering (Cohen & Greenberg 1985), with the light's clusters as directions: free of noise.
 

@@ -141,7 +141,7 @@ def _shadow(facts: SceneFacts, settings: RelightSettings) -> Requirement:
 
 
 def _bounce(facts: SceneFacts, settings: RelightSettings) -> Requirement:
-    """Indirect radiance of the proxy."""
+    """Whether indirect radiance of the proxy is modelled, and why."""
     name = "bounce"
     if settings.bounce == 0 or settings.shadows is not True:
         return Requirement(name, False, "switched off")

@@ -2,7 +2,7 @@
 
 Every cluster has texels at every level. Level 0 are leaves of the tree, small where the light is strong. Each further
 level is a regular cut of the cluster's cells, twice as fine along each side, down to single cells. A pixel reads from
-each cluster the coarsest level that its lobe bears (relight/texel_lod.py): sharp lobes read fine texels where they
+each cluster the coarsest level that its lobe tolerates (relight/texel_lod.py): sharp lobes read fine texels where they
 point.
 """
 
@@ -43,15 +43,15 @@ class Texels:
     size: F32
 
     def __len__(self) -> int:
-        """Number of texels of level 0, filling included."""
+        """Number of texels of level 0, padding included."""
         return int(self.start[0, -1]) * LANES
 
     def level(self, level: int) -> F32:
-        """Rows [8, T] of a level's texels, filling included."""
+        """Rows [8, T] of a level's texels, padding included."""
         return self.rows[:, LANES * self.start[level, 0] : LANES * self.start[level, -1]]
 
     def owner(self, level: int) -> NDArray[np.int64]:
-        """Cluster [T] of each texel of a level, filling included."""
+        """Cluster [T] of each texel of a level, padding included."""
         return np.repeat(np.arange(self.start.shape[1] - 1), LANES * np.diff(self.start[level]))
 
     @property
@@ -128,9 +128,9 @@ def _with_count(sums: Float, boxes: list[Box]) -> Float:
 
 
 def _regular(moments: Float, hull: Box, step: int) -> Float:
-    """Sums [n, 11] over squares of `step` x `step` cells of a box; over more columns near a pole.
+    """Sums of the cells of a box over squares of `step` x `step` cells, [n, 11]; over more columns near a pole.
 
-    At step 1 these are the cells, so that a mirror shows what the full sum shows.
+    At step 1 each texel is one cell, so that a mirror is as sharp as with the full sum.
     """
     a, b, c, d = hull
     sine = np.sin(np.pi * 0.5 * (a + b) / moments.shape[0])

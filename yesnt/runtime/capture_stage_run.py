@@ -52,7 +52,7 @@ def run_capture_stage(
 
 
 def render_node(context: CaptureStageContext, node: Node) -> dict[str, Any]:
-    """One Blender start: a job of the stage; twice, or after a kill, it leaves the same files."""
+    """Starts Blender once for one job. Running it again, or after a kill, leaves the same files."""
     began = time.perf_counter()
     assert isinstance(node.task, RenderTask)
     job = node.task.job

@@ -1,4 +1,4 @@
-"""LRU caches of what this worker process decoded last, keyed by content: stages of one frame share a reading."""
+"""LRU caches of what this worker process decoded last, keyed by content: stages of one frame share decoded files."""
 
 from __future__ import annotations
 

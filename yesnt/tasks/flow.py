@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from yesnt.io.jobfile import frame_path
 from yesnt.planning import settings as of
 from yesnt.planning.task_records import FlowTask
-from yesnt.tasks.inputs import read_proven
+from yesnt.tasks.inputs import read_checked
 from yesnt.tasks.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -52,4 +52,4 @@ def _spynet(path: Path, digest: str) -> Matcher:
     from yesnt.decompose.threads import one_thread
     from yesnt.temporal.spynet import open_spynet
 
-    return one_thread()(read_proven(path, digest, lambda: open_spynet(path)).__call__)
+    return one_thread()(read_checked(path, digest, lambda: open_spynet(path)).__call__)

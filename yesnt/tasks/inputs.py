@@ -1,7 +1,7 @@
 """Input files of a task, identified by content.
 
-A worker outlives runs: between two of them an artist replaces a camera, a light or a plate under the same path. So
-every cache of a worker is keyed by the digest that the task's key holds, and a file that is read is compared with it.
+A worker may serve several runs, and a camera, light or plate may be replaced under the same path between them. So every
+cache of a worker is keyed by the digest that the task's key holds, and a file that is read is compared with it.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _READERS_OF_INPUTS = (RELIGHT, DECOMPOSE, FLOW)
 """Stages whose records name plates, G-buffers and cameras; a later stage looks their digests up there."""
 
 
-def read_proven(path: Path, digest: str | None, read: Callable[[], T]) -> T:
+def read_checked(path: Path, digest: str | None, read: Callable[[], T]) -> T:
     """Reads a file and proves that it is the one with this digest (None: there is nothing to compare with).
 
     The digest is taken after reading, so that a file that is replaced in between is noticed too.
@@ -98,12 +98,12 @@ class TaskInputs:
     def plate(self, frame: int, digest: str) -> shot_inputs.Plate:
         """The plate of a frame, which has this digest."""
         read = shot_inputs.read_plate
-        return read_proven(self.path("plate", frame), digest, lambda: read(self._job, frame))
+        return read_checked(self.path("plate", frame), digest, lambda: read(self._job, frame))
 
     def surface(self, frame: int, camera: Camera, digest: str) -> shot_inputs.Surface:
         """The G-buffer of a frame, which has this digest; normals in world space."""
         read = shot_inputs.read_surface
-        return read_proven(self.path("gbuffer", frame), digest, lambda: read(self._job, frame, camera))
+        return read_checked(self.path("gbuffer", frame), digest, lambda: read(self._job, frame, camera))
 
     def passes(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Mean and spread [2, H, W] of the material passes of the node's frame."""
@@ -165,4 +165,4 @@ class TaskInputs:
 
 @lru_cache(maxsize=4)
 def _camera(path: Path, digest: str) -> Camera:
-    return read_proven(path, digest, lambda: Camera.open(path))
+    return read_checked(path, digest, lambda: Camera.open(path))

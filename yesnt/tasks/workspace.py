@@ -69,7 +69,7 @@ class Workspace(Generic[T_co]):
 
     @cached_property
     def inputs(self) -> TaskInputs:
-        """The job's input files, proven against the node's key."""
+        """The job's input files, checked against the node's key."""
         return TaskInputs(self.job, self.node, self.book)
 
     def plate(self, frame: int) -> shot_inputs.Plate:
@@ -112,7 +112,7 @@ class Workspace(Generic[T_co]):
             )
 
     def read(self, stage: StageId, channel: str, frame: int) -> Float32:
-        """A channel `[C, H, W]` that another stage committed, proven against its record. Read only.
+        """A channel `[C, H, W]` that another stage committed, checked against its record. Read only.
 
         Raises:
             CorruptError: not committed, or damaged since.

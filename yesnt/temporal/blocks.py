@@ -81,7 +81,7 @@ def halo_frames(params: EnergyParams, confidence_floor: float, tolerance: float)
 
 
 def halo_rows(params: EnergyParams, confidence_floor: float, tolerance: float) -> int:
-    """Rows of halo, as `halo_frames`: the total variation couples two rows by at most lambda1 / eps."""
+    """Rows of halo, computed like `halo_frames`; the total variation couples rows by at most lambda1 / eps."""
     return _reach(params.lambda1 / params.eps, confidence_floor, tolerance)
 
 

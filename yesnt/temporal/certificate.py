@@ -91,11 +91,11 @@ def _pass_on(excess, q, other, to, out, lambda1, most):
 def dual_value(x, duals, out, energy, box):
     """Bound (1): a lower bound on F over the box.
 
-    `x` [N] gives the temporal duals and the values of fixed pixels, `duals` the spatial ones; `out` [N] is scratch. One
-    pass improves the duals as it computes the bound: the excess of m over what the data term of a pixel can balance is
-    moved to the right, down, or along the flow, because a pixel within its limit takes it at a cost of second order.
-    Edges with |q|^2 > FLAT take it only where there is no link and |m| is too large. Any duals give a bound, so the
-    changes need no proof. The pass runs through all frames in order, for any number of threads.
+    `x` [N] gives the temporal duals and the values of fixed pixels, `duals` the spatial ones; `out` [N] is scratch. Any
+    duals give a bound, and one pass improves them while it computes the bound. The excess of a pixel is the part of its
+    m that its data term cannot balance. It is moved to the right, down or along the flow by changing the duals of that
+    edge; at a pixel within its limit this costs little. An edge with |q|^2 > FLAT is used only for a pixel without a
+    link whose |m| exceeds its limit. The pass visits all frames in order, whatever the number of threads.
     """
     geometry, observed, confidence = energy.geometry, energy.observed, energy.confidence
     delta, lambda1, lambda2, eps = energy.delta, energy.lambda1, energy.lambda2, energy.eps

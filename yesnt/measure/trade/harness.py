@@ -49,7 +49,7 @@ class Spent:
 
 @dataclass
 class Harness:
-    """The kernels of every stage on some consecutive frames.
+    """Runs the kernel of each stage in memory on some consecutive frames.
 
     Attributes:
         session: the shot.

@@ -17,6 +17,7 @@ def run_here(path: Path, until: str = "decompose", frames: str | None = None, or
     session, chance = Session(path), random.Random(order)
     plan, graph = session.plan(), session.graph()
     graph = graph.closure(session.targets(graph, RunOptions(frames, until)))
+    session.book.keep_only(session.job.frames)
     FrameStore.create(session.output.store, plan.arrays(), session.job.frames, session.job.height, session.job.width)
     session.output.exr.mkdir(parents=True, exist_ok=True)
     waiting = [node for node in graph if not is_done(session.book, node)]

@@ -8,6 +8,8 @@ import pytest
 import yaml
 
 from tests.in_process import run_here
+from yesnt.planning.stages import RELIGHT
+from yesnt.runtime.driver import is_done
 
 
 def set_frames(job: Path, frames: str) -> None:
@@ -27,4 +29,13 @@ def test_frames_keep_their_results(tiny_shot: Path, first: str, then: str) -> No
     for frame in session.job.frames:
         record = session.book.find("decompose", frame)
         assert record.arrays == materials.get(frame, record.arrays)
-    assert records == {path: path.stat().st_mtime_ns for path in records}
+    kept = [path for path in records if int(path.stem) in session.job.frames]
+    assert len(kept) == 2
+    assert all(path.stat().st_mtime_ns == records[path] for path in kept)
+
+
+def test_frames_that_left_the_range_are_made_again_when_they_come_back(tiny_shot: Path) -> None:
+    for frames in ("1001-1004", "1002-1003", "1001-1004"):
+        set_frames(tiny_shot, frames)
+        session = run_here(tiny_shot, until="relight")
+    assert all(is_done(session.book, node) for node in session.graph() if node.stage == RELIGHT)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -170,6 +170,13 @@ class RecordBook:
     def forget(self, stage: StageId | str, frame: int) -> None:
         """Makes a frame not done."""
         self.path(stage, frame).unlink(missing_ok=True)
+
+    def keep_only(self, frames: Collection[int]) -> None:
+        """Forgets the records of all other frames: the store has no place for frames outside the shot's range."""
+        kept = frozenset(frames)
+        for path in self.folder.glob("*/*.json"):
+            if int(path.stem) not in kept:
+                path.unlink(missing_ok=True)
 
 
 def file_state(path: Path) -> FileState:

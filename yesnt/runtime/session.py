@@ -190,6 +190,7 @@ class Session:
             with self.output.lock(), self._events(listen) as tell:
                 self.remember()
                 sweep_partials(self.output.root)
+                self.book.keep_only(self.job.frames)
                 self.output.exr.mkdir(parents=True, exist_ok=True)
                 result.missing = dict(self.marked_dead())
                 while self._pass(options, result, cluster, tell):

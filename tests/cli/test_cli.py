@@ -132,6 +132,27 @@ def test_missing_frames_are_exit_3_and_named(tmp_path: Path) -> None:
     assert (path.parent / "out" / "exr" / "tiny.1002.exr").exists()
 
 
+def test_interrupt_that_falls_into_a_finaliser_is_not_lost() -> None:
+    program = """
+import signal, time
+from yesnt import cli
+
+class Finalised:
+    def __del__(self):
+        signal.raise_signal(signal.SIGINT)
+
+def command():
+    Finalised()
+    time.sleep(20)
+
+cli._run = command
+cli.main()
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 130
+    assert done.stderr == "Interrupted: what is committed stays, the same command goes on from there.\n"
+
+
 @pytest.mark.parametrize("moment", ["while the cluster starts", "while tasks run"])
 def test_interrupt_is_one_line_within_seconds_and_loses_nothing(tmp_path: Path, moment: str) -> None:
     path = write_tiny_shot(tmp_path / "shot", 4)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import _thread
 import os
 import sys
-from typing import NoReturn
+import threading
+from typing import Any, NoReturn
 
 from yesnt.core.errors import ClusterLostError, YesntError
 
@@ -15,6 +17,7 @@ AT_ONCE = (INTERRUPTED, ClusterLostError.exit_status)
 
 def main() -> None:
     """Entry point of `yesnt`; maps every end of a command to its exit status (docs/contract.md)."""
+    sys.unraisablehook = repeat_lost_interrupt
     try:
         status = _run()
     except KeyboardInterrupt:
@@ -24,6 +27,19 @@ def main() -> None:
     if status in AT_ONCE:
         _exit_at_once(status)
     sys.exit(status or 0)
+
+
+def repeat_lost_interrupt(lost: Any) -> None:
+    """Interrupts the main thread once more where Python has dropped the first interrupt.
+
+    A `KeyboardInterrupt` that is raised while a finaliser runs (Dask's futures have one) is printed and forgotten: the
+    run would go on as if the user had not pressed Ctrl-C. For `sys.unraisablehook`; all else goes to Python's own hook.
+    """
+    if issubclass(lost.exc_type, KeyboardInterrupt):
+        # Not here: the finaliser that called this has not returned, and the interrupt would be lost again.
+        threading.Timer(0.05, _thread.interrupt_main).start()
+    else:
+        sys.__unraisablehook__(lost)
 
 
 def _exit_at_once(status: int) -> NoReturn:

@@ -24,7 +24,7 @@ from yesnt.decompose.embedded import EmbeddedBackend
 from yesnt.decompose.ensemble import estimate_frame
 from yesnt.decompose.registry import EMBEDDED_WEIGHTS
 from yesnt.decompose.settings import EnsembleSettings
-from yesnt.io.exr import read_image
+from yesnt.io.pictures.image import read_image
 
 BINS = (0.0, 0.3, 0.45, 0.6, 0.75, 0.9, 1.01)
 

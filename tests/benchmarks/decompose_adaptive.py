@@ -17,7 +17,7 @@ import torch
 import yaml
 
 from yesnt.decompose.settings import EnsembleSettings
-from yesnt.io.exr import read_image
+from yesnt.io.pictures.image import read_image
 from yesnt.measure.trade.harness import Harness
 from yesnt.runtime.session import Session
 

@@ -25,7 +25,7 @@ from yesnt.decompose.embedded import PRIOR_ROUGHNESS, SHRINKAGE_FACTOR, Embedded
 from yesnt.decompose.ensemble import estimate_frame
 from yesnt.decompose.registry import EMBEDDED_WEIGHTS
 from yesnt.decompose.settings import EnsembleSettings
-from yesnt.io.exr import read_image
+from yesnt.io.pictures.image import read_image
 
 FACTORS = (0.0, 0.6, 0.7, 0.8, 0.9, 1.0)
 

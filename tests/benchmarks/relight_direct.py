@@ -14,8 +14,8 @@ from relight_ladder import psnr, rgb
 
 from yesnt.core.camera import Camera
 from yesnt.core.color import straighten
-from yesnt.io.exr import read_image
 from yesnt.io.mesh import read_mesh
+from yesnt.io.pictures.image import read_image
 from yesnt.relight import EnvMap, ProxyScene, RelightSettings, Surface, prepare_relight
 from yesnt.relight.frame import finish, shade_pixels
 from yesnt.relight.occlusion import find_occluders

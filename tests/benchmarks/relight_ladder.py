@@ -17,8 +17,8 @@ import numpy as np
 
 from yesnt.core.camera import Camera
 from yesnt.core.color import srgb_encode, straighten
-from yesnt.io.exr import read_image
 from yesnt.io.mesh import read_mesh
+from yesnt.io.pictures.image import read_image
 from yesnt.relight import (
     EnvMap,
     FrameInputs,

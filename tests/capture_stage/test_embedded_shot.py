@@ -8,8 +8,8 @@ import pytest
 from scipy.ndimage import binary_erosion, map_coordinates
 
 from yesnt.core.camera import Camera
-from yesnt.io.exr import read_image
 from yesnt.io.jobfile import load_shot, parse_frames
+from yesnt.io.pictures.image import read_image
 
 SHOT = Path(str(files("yesnt") / "data" / "shot"))
 

@@ -9,7 +9,7 @@ from yesnt.capture_stage.jobs import render_jobs
 from yesnt.capture_stage.render import render
 from yesnt.core.camera import Camera
 from yesnt.core.errors import MissingPartError
-from yesnt.io.exr import read_image
+from yesnt.io.pictures.image import read_image
 
 pytestmark = pytest.mark.blender
 

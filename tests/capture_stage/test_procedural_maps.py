@@ -1,7 +1,7 @@
 import numpy as np
 
 from yesnt.capture_stage.procedural_maps import OWN_MAPS, SUN_DIRECTION, directions, reduce_by_two, write_map
-from yesnt.io.exr import read_image
+from yesnt.io.pictures.image import read_image
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 

@@ -12,8 +12,8 @@ from yesnt.capture_stage.shotfiles import shot_folder
 from yesnt.capture_stage.tools import Tools, run_anny
 from yesnt.core.camera import Camera
 from yesnt.core.errors import JobError, MissingPartError, YesntError
-from yesnt.io.exr import read_image
 from yesnt.io.jobfile import load_shot
+from yesnt.io.pictures.image import read_image
 
 PER_JOB = 1 + 1 + 3  # geometry, proxy, three lights
 

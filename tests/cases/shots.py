@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from tests.in_process import run_here
 from yesnt.core.errors import YesntError
-from yesnt.io.exr import read_image
+from yesnt.io.pictures.image import read_image
 from yesnt.runtime.input_checks import inspect
 from yesnt.runtime.session import Session
 

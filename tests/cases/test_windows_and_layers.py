@@ -31,7 +31,7 @@ from tests.cases.shots import (
     write_shot,
 )
 from yesnt.core.errors import JobError
-from yesnt.io.exr import read_image
+from yesnt.io.pictures.image import read_image
 from yesnt.io.shot_inputs import read_matte
 from yesnt.runtime.session import Session
 

@@ -13,7 +13,7 @@ from yesnt.decompose.embedded import EmbeddedBackend
 from yesnt.decompose.ensemble import estimate_frame
 from yesnt.decompose.registry import EMBEDDED_WEIGHTS
 from yesnt.decompose.settings import EnsembleSettings
-from yesnt.io.exr import read_image
+from yesnt.io.pictures.image import read_image
 
 SHOT = Path(__file__).parents[2] / "yesnt" / "data" / "shot"
 

@@ -6,8 +6,9 @@ import OpenImageIO as oiio
 import pytest
 
 from yesnt.core.errors import JobError
-from yesnt.io import exr
-from yesnt.io.exr import EXR_COMPRESSIONS, read_header, read_image, write_exr
+from yesnt.io.exr import EXR_COMPRESSIONS, write_exr
+from yesnt.io.pictures import image as reader
+from yesnt.io.pictures.image import read_header, read_image
 
 PLANES = {
     "R": np.linspace(0, 2, 12, dtype=np.float16).reshape(3, 4),
@@ -58,8 +59,8 @@ def test_both_readers_see_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tile: int, kind: str, parts: int, plain: bool
 ) -> None:
     pixels, used = _foreign(tmp_path / "x.exr", tile, kind, parts), []
-    fast = exr.read_planes
-    monkeypatch.setattr(exr, "read_planes", lambda path: used.append(path) or fast(path))
+    fast = reader.read_planes
+    monkeypatch.setattr(reader, "read_planes", lambda path: used.append(path) or fast(path))
     image = read_image(tmp_path / "x.exr")
     assert bool(used) == plain
     if kind != "uint":  # OpenImageIO scales integers to 0 .. 1

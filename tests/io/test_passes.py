@@ -6,8 +6,9 @@ import pytest
 
 from tests.tiny_shot import write_tiny_shot
 from yesnt.core.errors import JobError
-from yesnt.io.exr import read_image, write_exr
+from yesnt.io.exr import write_exr
 from yesnt.io.jobfile import pass_patterns
+from yesnt.io.pictures.image import read_image
 from yesnt.io.shot_inputs import read_passes
 from yesnt.runtime.preflight import resolve
 

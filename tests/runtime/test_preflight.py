@@ -9,8 +9,9 @@ import pytest
 
 from tests.tiny_shot import write_tiny_shot
 from yesnt.core.errors import JobError, YesntError
-from yesnt.io.exr import read_image, write_exr
+from yesnt.io.exr import write_exr
 from yesnt.io.output import OutputFolder
+from yesnt.io.pictures.image import read_image
 from yesnt.runtime.input_checks import STORE_BYTES_PER_PIXEL, InputChecks, inspect
 from yesnt.runtime.preflight import resolve
 from yesnt.runtime.session import RunOptions, Session

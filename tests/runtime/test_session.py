@@ -16,7 +16,7 @@ from yesnt.inspect.explain import explain
 from yesnt.inspect.forget import forget
 from yesnt.inspect.frame_states import states
 from yesnt.inspect.verify import verify
-from yesnt.io.exr import read_image
+from yesnt.io.pictures.image import read_image
 from yesnt.io.store import FrameStore
 from yesnt.planning.stages import COMPOSITE, DECOMPOSE, FLOW, RELIGHT
 from yesnt.runtime.cluster import ClusterSpec, open_cluster

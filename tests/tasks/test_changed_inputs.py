@@ -18,7 +18,8 @@ from tests.in_process import run_here
 from tests.tiny_shot import write_tiny_shot
 from yesnt.core.errors import JobError
 from yesnt.decompose.registry import find_weights
-from yesnt.io.exr import read_image, write_exr
+from yesnt.io.exr import write_exr
+from yesnt.io.pictures.image import read_image
 from yesnt.io.store import FrameStore
 from yesnt.runtime.session import Session
 from yesnt.tasks import decoded, decompose, flow, inputs, light

@@ -14,7 +14,8 @@ from tests.tiny_shot import write_tiny_shot
 from yesnt.core.camera import Camera
 from yesnt.core.errors import JobError
 from yesnt.inspect.forecast import forecast
-from yesnt.io.exr import read_image, write_exr
+from yesnt.io.exr import write_exr
+from yesnt.io.pictures.image import read_image
 from yesnt.relight import EnvMap, GBuffer, shade
 from yesnt.relight.envmap import direction_to_uv, uv_to_direction
 from yesnt.runtime.session import Session

@@ -13,7 +13,7 @@ from yesnt.capture_stage.procedural_maps import OWN_MAPS, reduce_by_two, write_m
 from yesnt.capture_stage.tools import Tools, blender_maps
 from yesnt.core.errors import UsageError
 from yesnt.io.durable import durable_path
-from yesnt.io.exr import read_image
+from yesnt.io.pictures.image import read_image
 
 _RENAMED = {"photo_studio": "studio"}
 """Blender calls its own `studio`; that name is taken by the project's map."""

@@ -12,7 +12,8 @@ from scipy.ndimage import distance_transform_edt
 from yesnt.capture_stage.jobs import RenderJob
 from yesnt.core.color import straighten
 from yesnt.core.errors import JobError
-from yesnt.io.exr import read_image, write_exr
+from yesnt.io.exr import write_exr
+from yesnt.io.pictures.image import read_image
 
 ROUGHNESS = 0.5
 """Of the proxy: nothing is known, so Blender's own default."""

@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.core.camera import Camera
-from yesnt.core.color import srgb_decode, straighten
+from yesnt.core.color import straighten
 from yesnt.core.errors import JobError
 from yesnt.core.shot import Job, PlateInput
-from yesnt.io.exr import ExrImage, ImageHeader, read_image
 from yesnt.io.jobfile import frame_path, pass_patterns
-
-MISS_Z = 1e9
-"""Planar depth at or beyond this, or at most 0, or not finite, means "nothing was hit" (Blender writes 1e10)."""
+from yesnt.io.pictures.decode_color import to_scene_linear
+from yesnt.io.pictures.image import ExrImage, ImageHeader, read_image
+from yesnt.io.pictures.surface import planar_z, world_normals
 
 
 @dataclass(frozen=True)
@@ -74,10 +73,7 @@ def read_surface(job: Job, frame: int, camera: Camera) -> Surface:
     normal = image.stack([f"{spec.normal}.{axis}" for axis in "XYZ"])
     _refuse_nan(np.isnan(z), image.header.path, spec.z)
     _refuse_nan(~np.isfinite(normal), image.header.path, spec.normal)
-    if spec.normal_space == "camera":
-        normal = normal @ camera.pose(frame)[:3, :3].T.astype(np.float32)
-    hit = np.isfinite(z) & (z > 0) & (z < MISS_Z)
-    return Surface(normal.astype(np.float32), np.where(hit, z, 0).astype(np.float32))
+    return Surface(world_normals(normal, spec, camera, frame), planar_z(z, spec, camera))
 
 
 def read_passes(job: Job, frame: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -129,7 +125,7 @@ def read_radiance(path: Path) -> tuple[NDArray[np.float32], int]:
     image = read_image(path)
     if not all(c in image.channels for c in "RGB"):
         raise JobError("The env map has no R, G, B", str(path), "a lat-long EXR or HDR", "export it again")
-    radiance = image.stack("RGB")
+    radiance = to_scene_linear(image.stack("RGB"), "lin_rec709", image.header)
     _refuse_nan(~np.isfinite(radiance), str(path), "R, G, B")
     negative = radiance < 0
     return np.where(negative, 0, radiance), int(negative.sum())
@@ -160,7 +156,8 @@ def _plate(job: Job, spec: PlateInput, frame: int) -> Plate:
     color = np.where(negative, 0, color)
     matte = np.clip(matte, 0, 1)
     # A display-referred picture is encoded before its alpha is associated; scene-linear EXRs are associated.
-    straight = srgb_decode(color).astype(np.float32) if spec.colorspace == "srgb" else straighten(color, matte)
+    straight = color if spec.colorspace == "srgb" else straighten(color, matte)
+    straight = to_scene_linear(straight, spec.colorspace, image.header)
     straight = np.where(matte[..., None] > 0, straight, 0).astype(np.float32)
     return Plate(straight, matte.astype(np.float32), int(negative.sum()))
 

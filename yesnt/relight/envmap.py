@@ -75,7 +75,7 @@ class EnvMap:
         Raises:
             JobError: a colour channel is absent, or as `from_array`.
         """
-        from yesnt.io.exr import read_image  # the one upward import: a map is usually a file
+        from yesnt.io.pictures.image import read_image  # the one upward import: a map is usually a file
 
         channels = read_image(Path(path)).channels
         missing = [name for name in "RGB" if name not in channels]

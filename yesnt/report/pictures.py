@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from yesnt.core.color import srgb_encode
 from yesnt.core.errors import YesntError
-from yesnt.io.exr import read_image
+from yesnt.io.pictures.image import read_image
 from yesnt.io.shot_inputs import read_plate
 from yesnt.io.store import FrameStore
 from yesnt.runtime.session import Session

@@ -21,11 +21,11 @@ from yesnt.core.job_progress import Progress, no_progress
 from yesnt.core.parallel import parallel_map
 from yesnt.core.shot import Job
 from yesnt.io import shot_inputs
-from yesnt.io.exr import read_header
 from yesnt.io.fact_cache import FactCache
 from yesnt.io.jobfile import frame_path, frames_on_disk, pass_patterns
 from yesnt.io.mesh import read_mesh
 from yesnt.io.output import OutputFolder
+from yesnt.io.pictures.image import read_header
 from yesnt.io.records import digest_of
 from yesnt.runtime.preflight import READERS, Resolved
 
@@ -159,7 +159,7 @@ def _negative_values(path: Path) -> int:
 def code_digest() -> str:
     """Digest of the modules that read and check inputs: after a change of theirs nothing is taken from memory."""
     digest = hashlib.blake2b(digest_size=16)
-    for module in sorted([*Path(shot_inputs.__file__).parent.glob("*.py"), Path(__file__)]):
+    for module in sorted([*Path(shot_inputs.__file__).parent.rglob("*.py"), Path(__file__)]):
         digest.update(module.read_bytes())
     return digest.hexdigest()
 

@@ -8,7 +8,8 @@ import pytest
 
 from tests.measure.evaluation.conftest import rgb, write_shot
 from yesnt.core.errors import UsageError
-from yesnt.io.exr import read_image, write_exr
+from yesnt.io.exr import write_exr
+from yesnt.io.pictures.image import read_image
 from yesnt.measure.evaluation.rows import ROWS
 from yesnt.measure.evaluation.run import EvalOptions, run_evaluation
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from yesnt.core.color import straighten
 from yesnt.core.errors import JobError, UsageError
-from yesnt.io.exr import read_image
 from yesnt.io.jobfile import frame_path, frames_on_disk
+from yesnt.io.pictures.image import read_image
 
 F32 = NDArray[np.float32]
 

@@ -1,0 +1,1 @@
+"""Reads pictures that other programs wrote: channels, windows, alpha and colour as the job means them."""

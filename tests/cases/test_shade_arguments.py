@@ -7,7 +7,6 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tests.cases.marks import NOTHING_RAISED, until_files_are_read
 from tests.cases.shots import POSE, sky_with_sun, sphere
 from yesnt.relight import Camera, EnvMap, GBuffer, shade
 
@@ -42,7 +41,6 @@ def test_arrays_of_the_right_shape_are_shaded() -> None:
     assert green == pytest.approx(blue)
 
 
-@until_files_are_read(NOTHING_RAISED)
 @pytest.mark.parametrize("mistake", WRONG)
 def test_wrong_arrays_are_refused(mistake: str) -> None:
     with pytest.raises((ValueError, TypeError), match=r"shape|dtype"):

@@ -8,7 +8,9 @@ import pytest
 
 from tests.relight.scenes import sky, sphere, surface
 from yesnt.core.camera import Camera
+from yesnt.core.distortion import UNDISTORTED, Distortion
 from yesnt.relight import EnvMap, GBuffer, RelightSettings, prepare_light, shade
+from yesnt.relight.lens import distorted, lens_record
 from yesnt.relight.march import depth_scene, march
 from yesnt.relight.occlusion import find_occluders, single_factor
 from yesnt.relight.points import gather_pixels
@@ -41,7 +43,6 @@ def occluded(gbuffer, camera, directions, thickness):
 def reference(gbuffer, camera, directions, thickness, reach, which):
     """The definition, ray by ray in float64, for some pixels [N]: [N, C]."""
     pixels = gather_pixels(surface(gbuffer, camera))
-    rotation, eye = camera.pose(1)[:3, :3].T, camera.pose(1)[:3, 3]
     hidden = np.zeros((len(which), len(directions)), bool)
     for p, (position, normal) in enumerate(
         zip(pixels.position[which].astype(float), pixels.normal[which], strict=True)
@@ -51,8 +52,7 @@ def reference(gbuffer, camera, directions, thickness, reach, which):
                 continue
             for i in range(1, STEPS + 1):
                 distance = reach * (i / STEPS) ** 2
-                x, y, z = rotation @ (position + distance * np.asarray(direction) - eye)
-                column, row = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy
+                column, row, z = camera.project(position + distance * np.asarray(direction), 1)
                 if z <= 0 or not (0 <= column < SIZE and 0 <= row < SIZE):
                     break
                 behind = z - gbuffer.z[int(row), int(column)]
@@ -106,9 +106,16 @@ def test_directions_below_the_horizon_count_as_free():
     assert not occluded(*slab(), [np.array([0.8, 0.0, -0.6])], thickness=HEIGHT).any()
 
 
-@pytest.mark.parametrize("thickness", [0.05, 0.2, 1.0])
-def test_march_equals_the_slow_reference(thickness):
+BENT = Distortion("brown", (-0.3, 0.05, 0.01, -0.02, 0.01, 0.02, 0.01, 0.01, 0.01, 0.001, -0.01, 0.001))
+FISHEYE = Distortion("fisheye", (0.05, -0.01, 0.003, -0.001))
+
+
+@pytest.mark.parametrize(
+    ("thickness", "lens"), [(0.05, UNDISTORTED), (0.2, UNDISTORTED), (1.0, UNDISTORTED), (0.2, BENT), (0.2, FISHEYE)]
+)
+def test_march_equals_the_slow_reference(thickness, lens):
     gbuffer, camera = slab()
+    camera = replace(camera, distortion=lens)
     rng = np.random.default_rng(0)
     bumps = rng.uniform(2.3, 3.0, (8, 8)).repeat(8, 0).repeat(8, 1).astype(np.float32)
     tilted = rng.normal(size=(SIZE, SIZE, 3)) * 0.3 + [0, 0, 1]
@@ -161,3 +168,11 @@ def test_the_single_factor_is_the_unoccluded_share_of_the_brightest_clusters():
     hidden = occluded(gbuffer, camera, list(light.clusters.direction[:, main].T), HEIGHT).reshape(SIZE * SIZE, -1)
     assert np.allclose(found[:, 0], ((1 - hidden) * power[main]).sum(1) / power[main].sum(), atol=1e-6)
     assert found.min() < 1
+
+
+@pytest.mark.parametrize("lens", [BENT, FISHEYE])
+def test_kernels_distort_as_the_camera_does(lens):
+    _, camera = slab()
+    record = lens_record(replace(camera, distortion=lens), 1)
+    for x, y in np.random.default_rng(0).uniform(-0.5, 0.5, (50, 2)).astype(np.float32):
+        assert distorted.py_func(x, y, record) == pytest.approx(lens.distort(np.float64(x), np.float64(y)), abs=1e-6)

@@ -78,8 +78,10 @@ def shade(
         frame: frame number of the camera's pose; None: the first.
 
     Raises:
-        JobError: sizes differ, or a name is unknown.
+        ValueError: an array of another shape than the camera's picture, or a dtype that is not floating point.
+        JobError: a name is unknown.
     """
+    check_arrays(gbuffer, camera)
     settings = RelightSettings.from_quality(quality) if isinstance(quality, str) else quality
     settings = replace(settings, shadows=shadows, brdf=brdf)
     surface = Surface(gbuffer.normal, gbuffer.z, gbuffer.opacity, gbuffer.roughness, gbuffer.metallic, camera, frame)
@@ -90,6 +92,30 @@ def shade(
     relit = shade_pixels(base, pixels, occluders, _prepared(env, settings), settings)
     relit = finish_edges(relit, pixels.image(base), surface, settings)
     return Shading(relit.diffuse, relit.specular, relit.shadow, relit.radiance)
+
+
+_CHANNELS = {"base_color": 3, "normal": 3}
+"""Components of the images that have several."""
+
+
+def check_arrays(gbuffer: GBuffer, camera: Camera) -> None:
+    """Refuses arrays that NumPy would stretch, cut or misread without a word.
+
+    Raises:
+        ValueError: as `shade`.
+    """
+    for name in GBuffer.__dataclass_fields__:
+        array = np.asarray(getattr(gbuffer, name))
+        shape = (camera.height, camera.width, *([_CHANNELS[name]] if name in _CHANNELS else []))
+        if array.shape != shape:
+            raise ValueError(
+                f"gbuffer.{name} has shape {array.shape}: expected {shape}, rows and columns of the camera"
+            )
+        if array.dtype.kind != "f":
+            raise ValueError(
+                f"gbuffer.{name} has dtype {array.dtype}: expected floating point; divide 8-bit values by 255, and "
+                "decode sRGB colours to linear"
+            )
 
 
 @lru_cache(maxsize=2)

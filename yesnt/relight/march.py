@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.relight.compiled import exact_entry, exact_kernel
+from yesnt.relight.lens import PINHOLE, LensRecord, distorted, lens_record
 from yesnt.relight.points import Pixels, Surface, has_depth
 from yesnt.relight.ranges import over_ranges
 from yesnt.relight.shading_frame import Vector
@@ -23,34 +24,20 @@ _SLOPE = 0.02  # of the distance along the ray that the surface may rise to meet
 _PIXELS = 2.0  # footprints of a pixel that a ray must pass behind the buffer: the surface's own slope within a pixel
 
 
-class Pinhole(NamedTuple):
-    """Intrinsics, pixels, float32.
-
-    Attributes:
-        fx, fy: focal lengths.
-        cx, cy: principal point.
-    """
-
-    fx: np.float32
-    fy: np.float32
-    cx: np.float32
-    cy: np.float32
-
-
 class DepthScene(NamedTuple):
     """A depth buffer and its camera.
 
     Attributes:
         z: [H, W] planar depth, metres; infinite where nothing is.
         camera_from_world: [3, 4].
-        pinhole: intrinsics of the camera.
+        lens: intrinsics and distortion of the camera.
         reach: length of a march, metres.
         thickness: depth behind the buffer that occludes, metres.
     """
 
     z: F32
     camera_from_world: F32
-    pinhole: Pinhole
+    lens: LensRecord
     reach: np.float32
     thickness: np.float32
 
@@ -83,12 +70,11 @@ def depth_scene(surface: Surface, pixels: Pixels, thickness: float) -> DepthScen
     buffer = np.where(known, z, np.inf).astype(np.float32)
     pose = surface.camera.pose(surface.frame)
     inverse = np.concatenate([pose[:3, :3].T, -pose[:3, :3].T @ pose[:3, 3:]], axis=1).astype(np.float32)
-    camera = surface.camera
+    lens, record = surface.camera.lens(surface.frame), lens_record(surface.camera, surface.frame)
     depth = float(np.median(z[known])) if known.any() else 1.0
-    extent = float(np.ptp(np.nonzero(known)[0])) * depth / camera.fy if known.any() else 1.0
-    pinhole = Pinhole(*(np.float32(value) for value in (camera.fx, camera.fy, camera.cx, camera.cy)))
-    thickness = thickness or _half_width(known) * depth / camera.fx
-    return DepthScene(buffer, inverse, pinhole, np.float32(_REACH * extent), np.float32(thickness))
+    extent = float(np.ptp(np.nonzero(known)[0])) * depth / lens.fy if known.any() else 1.0
+    thickness = thickness or _half_width(known) * depth / lens.fx
+    return DepthScene(buffer, inverse, record, np.float32(_REACH * extent), np.float32(thickness))
 
 
 def _half_width(known: NDArray[np.bool_]) -> float:
@@ -133,7 +119,7 @@ def _march(first, last, scene, rays, steps, hidden):  # type: ignore[no-untyped-
 def _march_ray(scene, origin, along, steps):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """True if the ray passes behind the depth buffer by less than the thickness."""
     height, width = scene.z.shape
-    pose, pinhole = scene.camera_from_world, scene.pinhole
+    pose, lens = scene.camera_from_world, scene.lens
     for i in range(1, steps + 1):
         share = np.float32(i) / np.float32(steps)
         distance = scene.reach * share * share
@@ -143,12 +129,17 @@ def _march_ray(scene, origin, along, steps):  # type: ignore[no-untyped-def]  # 
             return False
         right = pose[0, 0] * x + pose[0, 1] * y + pose[0, 2] * z + pose[0, 3]
         down = pose[1, 0] * x + pose[1, 1] * y + pose[1, 2] * z + pose[1, 3]
-        column = int(np.floor(pinhole.fx * right / depth + pinhole.cx))
-        row = int(np.floor(pinhole.fy * down / depth + pinhole.cy))
+        if lens.model != PINHOLE:
+            if right * right + down * down > lens.reach * lens.reach * depth * depth:
+                return False
+            bent = distorted(right / depth, down / depth, lens)
+            right, down = bent.x * depth, bent.y * depth
+        column = int(np.floor(lens.fx * right / depth + lens.cx))
+        row = int(np.floor(lens.fy * down / depth + lens.cy))
         if column < 0 or row < 0 or column >= width or row >= height:
             return False
         behind = depth - scene.z[row, column]
-        margin = np.float32(_SLOPE) * distance + np.float32(_PIXELS) * depth / pinhole.fx
+        margin = np.float32(_SLOPE) * distance + np.float32(_PIXELS) * depth / lens.fx
         if margin < behind < scene.thickness + margin:
             return True
     return False

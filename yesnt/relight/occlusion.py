@@ -65,7 +65,7 @@ def find_occluders(surface: Surface, pixels: Pixels, proxy: ProxyScene | None, s
     eye = surface.camera.position(surface.frame).astype(np.float32)
     shown, gap = _seen_triangle(proxy, eye, pixels)
     origins = pixels.position + pixels.view * gap[:, None] + pixels.normal * np.float32(settings.offset)
-    footprint = np.linalg.norm(pixels.position - eye, axis=1) / np.float32(surface.camera.fx)
+    footprint = np.linalg.norm(pixels.position - eye, axis=1) / np.float32(surface.camera.lens(surface.frame).fx)
     return Occluders(origins.astype(np.float32), proxy, None, shown, footprint.astype(np.float32))
 
 

@@ -67,8 +67,7 @@ def resolve(path: str | Path, accept_license: tuple[str, ...] = (), progress: Pr
     root = str(file.parent)
     frames = parse_frames(shot.frames, f"{file}, key frames")
     camera = Camera.open(frame_path(root, shot.camera, 0))
-    for frame in frames:
-        camera.pose(frame)
+    camera.check(frames)
     job = Job(shot=shot, root=root, frames=frames, width=camera.width, height=camera.height)
     _check_knobs(shot)
     backend = None

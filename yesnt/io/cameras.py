@@ -1,4 +1,4 @@
-"""Reads `cameras.json`: the calibrated cameras of a capture (docs/files.md)."""
+"""Reads `cameras.json`: the calibrated cameras of a capture (docs/roadmap.md)."""
 
 from __future__ import annotations
 

@@ -219,7 +219,6 @@ def test_an_infinite_light_is_clamped_where_the_job_says_so(tmp_path: Path) -> N
     assert np.isfinite(finished(deliver(folder)).centre()).all()
 
 
-@until_files_are_read()
 def test_a_rotation_may_be_given_by_frame(tmp_path: Path) -> None:
     light = np.ones((16, 32, 3), np.float32)
     light[:, 16:] = 0.1

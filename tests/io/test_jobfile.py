@@ -41,6 +41,11 @@ def test_defaults_are_the_contract(tmp_path: Path) -> None:
         ("quality: best", "'quality' cannot be used"),
         ("output: [", "not plain YAML"),
         ("light: {path: l.exr, rotation: [0, 0]}", "'light.rotation"),
+        ("light: {path: l.exr, rotation: {1001: [0, 0]}}", r"'light\.rotation\.1001\.2' is absent.*line 9"),
+        ("light: {path: l.exr, rotation: {}}", "'light.rotation' cannot be used: .*at least 1 item"),
+        ("light: {path: l.exr, exposure: {a: 1}}", r"'light\.exposure\.a\.\[key\]' cannot be used"),
+        ("light: {path: l.exr, exposure: 1, exposure: 2}", r"The key 'exposure' stands twice.*line 9"),
+        ("light: {path: l.exr, rotation: {1001: [0, 0, 0], 1001: [9, 0, 0]}}", "The key '1001' stands twice"),
         ("light: {path: l.exr, exposure: .nan}", "'light.exposure'"),
     ],
 )

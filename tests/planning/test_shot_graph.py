@@ -129,6 +129,10 @@ CHANGES = {
     "camera": Change(turned, {RELIGHT: ALL}),
     "light": Change(copied("plate.1001.exr", "light.exr"), {RELIGHT: ALL, COMPOSITE: ALL}),
     "light's turn": Change(section("light", rotation=[10, 0, 0]), {RELIGHT: ALL}),
+    "light's turn, animated": Change(
+        section("light", rotation={1002: [0, 0, 0], 1004: [10, 0, 0]}), {RELIGHT: [2, 3]}
+    ),
+    "light's exposure, a key that changes nothing": Change(section("light", exposure={1002: 0})),
     "relighting": Change(section("relight", texels=9), {RELIGHT: ALL}),
     "flow": Change(section("flow", knobs={"method": "dis"}), {FLOW: range(3)}),
     "energy": Change(section("temporal", knobs={"lambda2": 2.5}), {SOLVE: [0]}),

@@ -106,6 +106,17 @@ def test_a_stop_of_exposure_doubles_actor_and_background(tmp_path: Path) -> None
         np.testing.assert_allclose(exposed[name], 2 * plain[name], rtol=5e-3, atol=1e-4)
 
 
+def test_an_animated_exposure_is_that_of_the_frame(tmp_path: Path) -> None:
+    maps, light = {"light.exr": lamp(RIGHT)}, {"path": "light.exr"}
+    for frame, stops in ((1001, 0), (1002, 0.5)):
+        moving = {**light, "exposure": {1001: 0, 1003: 1}, "rotation": {1001: [0, 0, 0], 1003: [350, 0, 0]}}
+        still = {**light, "exposure": stops, "rotation": [350 * stops, 0, 0]}
+        folder = tmp_path / str(frame)
+        found, wanted = (delivered(folder / str(i), maps, frame, light=k) for i, k in enumerate((moving, still)))
+        for name in ("relit", "composite"):
+            np.testing.assert_array_equal(found[name], wanted[name])
+
+
 @pytest.mark.parametrize("convention", ["opengl", "mitsuba"])
 def test_a_map_of_another_convention_lights_alike(tmp_path: Path, convention: str) -> None:
     shift = {"opengl": 8, "mitsuba": -8}[convention]

@@ -49,7 +49,7 @@ _ALL = (
     Channel("flow", 2, "float32", "pixels", "(dx, dy), t -> t+1", None, None),
     Channel("validity", 1, "float32", "1", "", 0.0, 1.0),
     Channel("material", 2, "float32", "1", "roughness, metallic", 0.0, 1.0, ("roughness.Y", "metallic.Y")),
-    Channel("base_color", 3, "float32", "1", "lin_rec709", 0.0, 1.0),
+    Channel("base_color", 3, "float32", "1", "lin_rec709", 0.0, 1.0, _rgb("base_color")),
     Channel("diffuse", 3, "float32", "radiance", "lin_rec709", 0.0, None, _rgb("diffuse")),
     Channel("specular", 3, "float32", "radiance", "lin_rec709", 0.0, None, _rgb("specular")),
     Channel("shadow", 1, "float32", "1", "", 0.0, 1.0, ("shadow.Y",)),
@@ -81,3 +81,6 @@ STORED = (
 
 DELIVERED = ("composite", "relit", "diffuse", "specular", "shadow", "material", "spread", "normal", "z")
 """Channels that the output EXR carries, in file order."""
+
+ON_REQUEST = ("base_color",)
+"""Channels that it carries after these where `exr.layers` names them."""

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from bisect import bisect_left
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+
+from yesnt.core.keyframes import Numbers, number_at, numbers_at
 
 Colorspace = Literal["lin_rec709", "srgb"]
 Quality = Literal["draft", "standard", "final", "reference"]
@@ -42,20 +45,33 @@ class GBufferInput(_Part):
     normal_space: Literal["world", "camera"] = "world"
 
 
+FIXED, KEYED = "(fixed)", "(by frame)"
+"""Tags of the two ways to give a value; error messages leave tags, which stand in brackets, out of the key's name."""
+
+_BY_FRAME = Discriminator(lambda value: KEYED if isinstance(value, Mapping) else FIXED)
+
 Point = Annotated[tuple[float, float, float], Field(strict=False)]
+Points = Annotated[
+    Annotated[Point, Tag(FIXED)] | Annotated[dict[int, Point], Field(min_length=1), Tag(KEYED)], _BY_FRAME
+]
+Stops = Annotated[float, Field(ge=-32, le=32)]
+Exposure = Annotated[
+    Annotated[Stops, Tag(FIXED)] | Annotated[dict[int, Stops], Field(min_length=1), Tag(KEYED)], _BY_FRAME
+]
 
 
 class _Map(_Part):
     """How a lat-long map stands in the world; a path with a frame number names one map a frame.
 
-    `rotation` is in degrees (yaw about +Z first), `exposure` in stops. `clamp` is the largest radiance that is kept, in
-    the map's own units. A map that was captured at `captured_at` (world metres), with what it shows `distance` metres
-    away, is shown to the actor and to the camera as it looks from where they are.
+    `rotation` is in degrees (yaw about +Z first), `exposure` in stops; both may be given by frame (core/keyframes.py).
+    `clamp` is the largest radiance that is kept, in the map's own units. A map that was captured at `captured_at`
+    (world metres), with what it shows `distance` metres away, is shown to the actor and to the camera as it looks from
+    where they are.
     """
 
     convention: Literal["blender", "opengl", "mitsuba"] = "blender"
-    rotation: Point = (0.0, 0.0, 0.0)
-    exposure: Annotated[float, Field(ge=-32, le=32)] = 0.0
+    rotation: Points = (0.0, 0.0, 0.0)
+    exposure: Exposure = 0.0
     clamp: Annotated[float, Field(gt=0)] | None = None
     captured_at: Point | None = None
     distance: Annotated[float, Field(gt=0)] | None = None
@@ -65,6 +81,15 @@ class _Map(_Part):
         if (self.captured_at is None) != (self.distance is None):
             raise ValueError("captured_at and distance belong together")
         return self
+
+    def turn(self, frame: int) -> tuple[Numbers, float]:
+        """Rotation and exposure in a frame."""
+        return numbers_at(self.rotation, frame), number_at(self.exposure, frame)
+
+    def at(self, frame: int) -> Self:
+        """The same map with the rotation and the exposure that it has in one frame."""
+        rotation, exposure = self.turn(frame)
+        return self.model_copy(update={"rotation": rotation, "exposure": exposure})
 
 
 class LightInput(_Map):
@@ -139,9 +164,10 @@ class TemporalInput(_Part):
 
 
 class ExrOutput(_Part):
-    """How the EXR sequence is written."""
+    """How the EXR sequence is written; `layers` are delivered beside those that every file holds."""
 
     compression: Literal["none", "rle", "zips", "zip", "piz"] = "zip"
+    layers: Annotated[tuple[Literal["base_color"], ...], Field(strict=False)] = ()
 
 
 class Shot(_Part):

@@ -23,6 +23,7 @@ camera:  camera.json              # width height fx fy cx cy, and world_from_cam
 
 light:   {{path: env/light.exr, convention: blender, rotation: [0, 0, 0], exposure: 0}}   # degrees, stops
 #   env/light.####.exr: one map a frame; convention: blender | opengl | mitsuba; clamp: 100 (largest radiance kept);
+#   rotation: {{1001: [0, 0, 0], 1024: [90, 0, 0]}}: animated, linear between keys; so is exposure: {{1001: 0, 1024: 1}}
 #   captured_at: [0, 0, 1] and distance: 5 (metres): reprojected for the places of the actor and the camera
 # capture_light: {{path: env/capture.exr}}        # the light of the plate; absent: uniform, radiance 1; or `estimate`
 # background: {{path: bg/bg.####.exr}}            # absent: the light's map as the camera sees it

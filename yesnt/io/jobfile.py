@@ -40,6 +40,7 @@ def load_shot(path: Path) -> Shot:
             "mappings and scalars, no tags",
             "correct it",
         ) from error
+    _refuse_twice(path, node)
     try:
         return Shot.model_validate(data)
     except ValidationError as error:
@@ -98,6 +99,9 @@ def _sequence(pattern: str) -> Any:
 
     return FileSequence(pattern, pad_style=PAD_STYLE_HASH1)
 
+
+_TAG = "("
+"""First character of a tag in the place of an error: no part of the key (core/shot.py)."""
 
 PASS = "{pass}"
 """What stands for the name of a pass in a pattern."""
@@ -158,7 +162,7 @@ def _job_error(path: Path, node: Any, error: ValidationError) -> JobError:
     """The most telling problem that pydantic found, with the line where it stands."""
     # An unknown key is told first: it is most often the misspelling behind an absent one.
     problem = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
-    location = [part for part in problem["loc"] if isinstance(part, str | int)]
+    location = [part for part in problem["loc"] if isinstance(part, str | int) and not str(part).startswith(_TAG)]
     line = _line(node, location)
     key = ".".join(str(part) for part in location) or "the whole file"
     kind = problem["type"]
@@ -174,6 +178,23 @@ def _job_error(path: Path, node: Any, error: ValidationError) -> JobError:
         f"see the message; got {problem['input']!r}",
         "correct it",
     )
+
+
+def _refuse_twice(path: Path, node: Any) -> None:
+    """Refuses a key that stands twice in a section: YAML would take the last one and say nothing."""
+    if isinstance(node, yaml.MappingNode):
+        seen = set[str]()
+        for key, value in node.value:
+            if key.value in seen:
+                raise JobError(
+                    f"The key {str(key.value)!r} stands twice", f"{path}, line {key.start_mark.line + 1}",
+                    "every key once", "remove one of them",
+                )  # fmt: skip
+            seen.add(key.value)
+            _refuse_twice(path, value)
+    elif isinstance(node, yaml.SequenceNode):
+        for value in node.value:
+            _refuse_twice(path, value)
 
 
 def _line(node: Any, location: Sequence[str | int]) -> int:

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.core.channels import CHANNELS, DELIVERED
+from yesnt.core.channels import CHANNELS, DELIVERED, ON_REQUEST
 from yesnt.core.color import CHROMATICITIES_REC709
+from yesnt.core.shot import Job
 from yesnt.io.exr import write_exr
 from yesnt.io.file_digests import file_digest
 from yesnt.planning.stages import DECOMPOSE, RELIGHT, SOLVE
@@ -43,10 +44,16 @@ def composite(space: Workspace[CompositeTask]) -> None:
             "normal": _unit(surface.normal).transpose(2, 0, 1),
             "z": surface.z[None],
         }
+        planes |= {name: space.read(RELIGHT, name, frame) for name in _requested(job)}
         delivered = _exr_planes(planes)
     path = space.output.exr_path(job.shot.name, frame)
     write_exr(path, delivered, _exr_attributes(space), job.shot.exr.compression)
     space.commit(frame, {}, {str(path.relative_to(space.output.root)): file_digest(path)})
+
+
+def _requested(job: Job) -> tuple[str, ...]:
+    """Layers that the job asks for, in the registry's order."""
+    return tuple(name for name in ON_REQUEST if name in job.shot.exr.layers)
 
 
 def _unit(vectors: Float32) -> Float32:
@@ -59,7 +66,7 @@ def _exr_planes(planes: dict[str, Float32]) -> dict[str, NDArray[np.floating]]:
     """Planes under their EXR names and pixel types, in the registry's order."""
     largest_half = np.float32(65504)
     out: dict[str, NDArray[np.floating]] = {}
-    for name in DELIVERED:
+    for name in (name for name in (*DELIVERED, *ON_REQUEST) if name in planes):
         channel = CHANNELS[name]
         for exr_name, plane in zip(channel.exr, planes[name], strict=True):
             # A sun seen in a mirror exceeds half's range; infinity would poison every filter downstream.

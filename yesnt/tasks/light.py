@@ -36,18 +36,17 @@ def frame_map(job: Job, spec: MapInput | None, frame: int) -> EnvMap:
     if spec is None:
         return uniform_light()
     if spec.path is None:
-        return estimated_map(job).turned(spec.rotation, spec.exposure)
-    return read_map(str(frame_path(job.root, spec.path, frame)), spec)
+        return estimated_map(job).turned(*spec.turn(frame))
+    return read_map(str(frame_path(job.root, spec.path, frame)), spec).turned(*spec.turn(frame))
 
 
 def read_map(path: str, spec: MapInput) -> EnvMap:
-    """Reads a map and applies the job's convention, clamp, rotation and exposure."""
+    """Reads a map and applies the job's convention and clamp."""
     from yesnt.relight import EnvMap
 
     radiance, _ = shot_inputs.read_radiance(Path(path))
     env = EnvMap.from_array(radiance, spec.convention)
-    env = env if spec.clamp is None else env.clamped(spec.clamp)
-    return env.turned(spec.rotation, spec.exposure)
+    return env if spec.clamp is None else env.clamped(spec.clamp)
 
 
 def estimated_map(job: Job) -> EnvMap:
@@ -111,9 +110,10 @@ def backdrop(files: LightFiles, camera: Camera) -> NDArray[np.float32]:
 
 
 class _Known:
-    """A map, identified by its settings and the digests of the files that it is made from."""
+    """A map, identified by its settings in this frame and the digests of the files that it is made from."""
 
     def __init__(self, files: LightFiles, spec: MapInput | None, role: str) -> None:
+        spec = None if spec is None else spec.at(files.frame)
         self.job, self.spec, self.frame = files.job, spec, files.frame
         shot, digests, seen = files.job.shot, files.digests, None
         self._files: dict[str, str] = {role: digests[role]} if spec is not None and role in digests else {}

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
+from yesnt.core.shot import CaptureInput, LightInput, Shot
 from yesnt.io.records import SharedSettings
 from yesnt.planning import settings as of
 from yesnt.planning.builders.assemble import frame_keys, frame_node, node_fields
@@ -16,19 +18,33 @@ from yesnt.planning.task_records import RelightTask
 
 def relight_nodes(plan: ShotPlan, graph: Graph) -> Iterator[Node]:
     """Every frame with the capture light divided out and the new light applied."""
-    settings, probes = _settings(plan), _probe_inputs(plan)
+    settings, probes = _SettingsByFrame(plan), _probe_inputs(plan)
     for frame in plan.delivered:
         inputs = _frame_inputs(plan, frame) | probes
-        fields = node_fields(plan, RELIGHT, settings, frame_keys(graph, frame, [SOLVE]), inputs=inputs)
+        fields = node_fields(plan, RELIGHT, settings.of(frame), frame_keys(graph, frame, [SOLVE]), inputs=inputs)
         yield frame_node(plan, RELIGHT, frame, fields, RelightTask(), [graph.committer(SOLVE, frame)])
 
 
-def _settings(plan: ShotPlan) -> SharedSettings:
-    shot = plan.job.shot
+class _SettingsByFrame:
+    """Settings of the frames: frames under the same light share theirs, however the job gives it."""
+
+    def __init__(self, plan: ShotPlan) -> None:
+        self._shot, self._made = plan.job.shot, dict[Any, SharedSettings]()
+
+    def of(self, frame: int) -> SharedSettings:
+        """The settings of a frame, with the light and the capture light as they are then."""
+        shot = self._shot
+        lights = shot.light.at(frame), shot.capture_light.at(frame) if shot.capture_light else None
+        if lights not in self._made:
+            self._made[lights] = _settings(shot, *lights)
+        return self._made[lights]
+
+
+def _settings(shot: Shot, light: LightInput, capture: CaptureInput | None) -> SharedSettings:
     return shared(
         relight=changed_fields(of.relight_settings(shot)),
-        light=changed_keys(shot.light, {"path"}),
-        capture=changed_keys(shot.capture_light, {"path"}) if shot.capture_light else None,
+        light=changed_keys(light, {"path"}),
+        capture=changed_keys(capture, {"path"}) if capture else None,
         gbuffer=changed_keys(shot.gbuffer, {"path"}),
         plate=changed_keys(shot.plate, {"path"}),
     )

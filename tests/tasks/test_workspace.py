@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from pathlib import Path
 
@@ -9,12 +10,17 @@ import numpy as np
 import pytest
 
 from tests.tiny_shot import write_tiny_shot
+from yesnt.core.errors import LeaseLostError
 from yesnt.core.stage_id import StageId
+from yesnt.io.lease import take_lease
 from yesnt.io.output import OutputFolder
 from yesnt.io.store import FrameStore
 from yesnt.planning.graph import Node
+from yesnt.planning.stages import DECOMPOSE
 from yesnt.runtime.preflight import resolve
+from yesnt.runtime.session import Session
 from yesnt.tasks.clock import Clock
+from yesnt.tasks.run import run_node
 from yesnt.tasks.workspace import Workspace
 
 
@@ -65,3 +71,39 @@ def test_a_frame_carried_over_is_committed_with_the_same_content(job) -> None:
     record = second.book.find(SECOND, 1001)
     assert record is not None
     assert record.facts["skipped"]
+
+
+def prepared(path: Path) -> tuple[Session, Node]:
+    """A shot whose store is laid out, and its first frame's decomposition."""
+    session = Session(path)
+    job = session.job
+    FrameStore.create(session.output.store, session.plan().arrays(), job.frames, job.height, job.width)
+    return session, session.graph().nodes[DECOMPOSE, 0]
+
+
+def test_a_worker_waits_for_the_one_that_makes_its_frame(tiny_shot: Path) -> None:
+    session, node = prepared(tiny_shot)
+    held = take_lease(session.output.task_leases, "decompose.1001", patient=False)
+    assert held is not None
+    thread = threading.Thread(target=run_node, args=(session.job, node))
+    thread.start()
+    thread.join(0.6)
+    assert thread.is_alive()
+    assert session.book.find(DECOMPOSE, 1001) is None
+    held.release()
+    thread.join(20)
+    assert session.book.find(DECOMPOSE, 1001) is not None
+    assert not list(session.output.task_leases.iterdir())
+
+
+def test_a_worker_whose_frame_was_taken_over_writes_nothing(tiny_shot: Path) -> None:
+    session, node = prepared(tiny_shot)
+    space: Workspace = Workspace(session.job, node)
+    with space.claimed():
+        for file in session.output.task_leases.iterdir():
+            file.unlink()
+        value = np.zeros((2, session.job.height, session.job.width), np.float32)
+        with pytest.raises(LeaseLostError, match="no longer holds the lease"):
+            space.commit(1001, {"observed": value})
+    assert not (session.output.store / "observed" / "c").exists()
+    assert session.book.find(DECOMPOSE, 1001) is None

@@ -7,7 +7,7 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from yesnt.cli.text import compiling_line, done_line
+from yesnt.cli.text import compiling_line, done_line, notice_line
 from yesnt.core.stage_id import StageId
 
 
@@ -31,8 +31,8 @@ class LineProgress:
             print(f"{self._total} tasks, {self._done} done already", flush=True)
         elif kind == "cluster":
             print(f"Dask dashboard: {event['dashboard']}", flush=True)
-        elif kind == "waiting":
-            print(f"Waiting: {event['reason']}", flush=True)
+        elif notice_line(event):
+            print(notice_line(event), flush=True)
         elif kind in ("compiling", "compiled"):
             print(compiling_line(event), flush=True)
         elif kind == "done":
@@ -73,8 +73,8 @@ class BarProgress:
             self._lay_out(event)
         elif kind == "cluster":
             self._progress.console.print(f"Dask dashboard: {event['dashboard']}")
-        elif kind == "waiting":
-            self._progress.console.print(f"Waiting: {event['reason']}")
+        elif notice_line(event):
+            self._progress.console.print(notice_line(event))
         elif kind in ("compiling", "compiled"):
             self._progress.console.print(compiling_line(event))
         elif kind == "start":

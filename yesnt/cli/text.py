@@ -73,3 +73,13 @@ def compiling_line(event: Mapping[str, Any]) -> str:
     if event.get("failed"):
         line += f"; a compiler ended with {event['failed'][0]}, tasks compile what they lack"
     return line
+
+
+def notice_line(event: Mapping[str, Any]) -> str:
+    """What happened to a run as a whole; "" for events of single tasks."""
+    kind = event["event"]
+    if kind == "waiting":
+        return f"Waiting: {event['reason']}"
+    if kind == "taken_over":
+        return f"Taken over: the driver on {event['owner']} is gone; this one goes on from what is committed"
+    return ""

@@ -48,6 +48,23 @@ class MissingPartError(YesntError):
     """An optional part is not installed; `do` names the extra or the make target."""
 
 
+class LeaseLostError(YesntError):
+    """Another process has taken over what this one was doing; it stops before it writes."""
+
+
+class RunCancelledError(YesntError):
+    """The user cancelled the run from another terminal or machine; what was committed stays."""
+
+    exit_status = 130
+
+
+class ShortageError(YesntError):
+    """A task cannot run now for want of something that comes back: a licence, a busy GPU, room on the disk.
+
+    The driver pauses the task's stage, tries again from time to time, and counts no failure.
+    """
+
+
 class ClusterLostError(YesntError):
     """The scheduler is gone; what was committed stays and `run` resumes from it."""
 

@@ -1,21 +1,25 @@
-"""Where a job's results lie (contract.md, "What comes out"), and the lock that keeps a second driver out."""
+"""Where a job's results lie (contract.md, "What comes out"), and the lease that keeps a second driver out."""
 
 from __future__ import annotations
 
-import fcntl
-import json
 import os
-import platform
 import shutil
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TextIO
 
 from yesnt.core.errors import JobError
 from yesnt.core.shot import Job
 from yesnt.core.stage_id import StageId
+from yesnt.io.lease import BEAT_SECONDS, Lease, LeaseState, Observer, read_lease, take_lease
+
+DRIVER = "driver"
+"""Name of the driver's lease."""
+
+LOOK_SECONDS = 2 * BEAT_SECONDS
+"""How long a lease of another host is watched for a sign of life before anything is started."""
 
 
 @dataclass(frozen=True)
@@ -100,44 +104,49 @@ class OutputFolder:
                 "free some, or set `output:` to another disk",
             )  # fmt: skip
 
+    @property
+    def leases(self) -> Path:
+        """Folder of the driver's lease."""
+        return self.run / "leases"
+
+    @property
+    def task_leases(self) -> Path:
+        """Folder of the leases of the tasks under way."""
+        return self.leases / "tasks"
+
     @contextmanager
-    def lock(self) -> Iterator[None]:
-        """Holds the folder for one driver; the kernel lets go when the process ends, however it ends.
+    def lock(self, taken_over: Callable[[LeaseState], None] = lambda state: None) -> Iterator[Lease]:
+        """Holds the folder for one driver, on whatever host; one that died without letting go is taken over.
+
+        Args:
+            taken_over: called with the state of a driver that is gone.
 
         Raises:
             JobError: another driver runs this job; says which.
         """
-        self.run.mkdir(parents=True, exist_ok=True)
-        with self._lock_file.open("a+") as stream:
-            self._take(stream)
-            stream.truncate(0)
-            stream.write(json.dumps({"host": platform.node(), "pid": os.getpid()}))
-            stream.flush()
-            yield
+        lease = take_lease(self.leases, DRIVER, patient=False, taken_over=taken_over)
+        if lease is None:
+            raise self._runs_already(read_lease(self.leases, DRIVER))
+        try:
+            yield lease
+        finally:
+            lease.release()
 
     def refuse_if_running(self) -> None:
-        """Refuses a job that another driver runs, without taking the lock and without writing anything.
+        """Refuses a job that another driver runs, without taking the lease and without writing anything.
 
         Raises:
             JobError: as said.
         """
-        if self._lock_file.exists():
-            with self._lock_file.open("a+") as stream:
-                self._take(stream)
+        observer, began = Observer(self.leases, DRIVER), time.monotonic()
+        while not observer.vacant() and time.monotonic() - began < LOOK_SECONDS:
+            if observer.certain:
+                raise self._runs_already(observer.state)
+            time.sleep(0.1)
 
-    @property
-    def _lock_file(self) -> Path:
-        return self.run / "driver.lock"
-
-    def _take(self, stream: TextIO) -> None:
-        try:
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            stream.seek(0)
-            owner = stream.read() or "another process"
-            raise JobError(
-                f"This job is being run already by {owner}",
-                str(self._lock_file),
-                "one driver a job",
-                "wait for it, or stop it",
-            ) from error
+    def _runs_already(self, state: LeaseState | None) -> JobError:
+        owner = "another process" if state is None or state.owner is None else str(state.owner)
+        return JobError(
+            f"This job is being run already by {owner}", str(self.leases), "one driver a job",
+            "wait for it, or stop it with `yesnt cancel SHOT`",
+        )  # fmt: skip

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -18,6 +19,7 @@ from yesnt.core.job_progress import Progress, no_progress
 from yesnt.core.stage_id import StageId
 from yesnt.io.durable import sweep_partials, write_json
 from yesnt.io.jobfile import parse_frames
+from yesnt.io.lease import LeaseState
 from yesnt.io.output import OutputFolder
 from yesnt.io.record_index import RecordIndex
 from yesnt.io.records import RecordBook
@@ -187,7 +189,12 @@ class Session:
             if any(not is_done(self.book, node) for node in wanted):
                 cluster.begin(listen)
             result.warnings += self.checks.content()
-            with self.output.lock(), self._events(listen) as tell:
+            gone: list[LeaseState] = []
+            with self.output.lock(gone.append), self._events(listen) as tell:
+                for state in gone:
+                    tell(
+                        {"event": "taken_over", "time": time.time(), "owner": str(state.owner or "an unknown process")}
+                    )
                 self.remember()
                 sweep_partials(self.output.root)
                 self.book.keep_only(self.job.frames)

@@ -20,7 +20,7 @@ def run_node(job: Job, node: Node) -> dict[str, Any]:
     """
     pin_threads()
     space: Workspace[Any] = Workspace(job, node)
-    with space.logged():
+    with space.claimed(), space.logged():
         if space.pending():
             module, _, name = function_of(node.stage, node.task).partition(":")
             getattr(import_module(module), name)(space)

@@ -19,6 +19,7 @@ from yesnt.core.errors import CorruptError
 from yesnt.core.shot import Job
 from yesnt.core.stage_id import StageId
 from yesnt.io import shot_inputs
+from yesnt.io.lease import Lease, take_lease
 from yesnt.io.output import OutputFolder
 from yesnt.io.records import Record, RecordBook, file_state
 from yesnt.io.store import FrameStore
@@ -47,6 +48,7 @@ class Workspace(Generic[T_co]):
         self.output = OutputFolder.of(job)
         self.book = RecordBook(self.output.records, self.output.root)
         self.clock = Clock()
+        self._lease: Lease | None = None
 
     @property
     def task(self) -> T_co:
@@ -136,6 +138,21 @@ class Workspace(Generic[T_co]):
             )  # fmt: skip
         return record.arrays[array]
 
+    @contextmanager
+    def claimed(self) -> Iterator[None]:
+        """Holds the node's lease, so that no two workers write the same frames.
+
+        A worker that is cut off from its scheduler works on while its task is given to another one, which waits here
+        until the first is done or gone.
+        """
+        name = f"{self.node.stage}.{self.frame:04d}"
+        self._lease = take_lease(self.output.task_leases, name, patient=True)
+        assert self._lease is not None, "a patient claim waits"
+        try:
+            yield
+        finally:
+            self._lease.release()
+
     def pending(self) -> tuple[int, ...]:
         """The node's frames that have no record with the right key."""
         node = self.node
@@ -181,10 +198,17 @@ class Workspace(Generic[T_co]):
         facts = {"host": platform.node(), "peak_bytes": peak_bytes(), **facts}
         fields, key = node.frame_fields(frame), node.frame_key(frame)
         states = {name: file_state(self.output.root / name) for name in files}
+        self._confirm()
         self.book.commit(Record(node.stage.label, frame, key, fields, arrays, files, seconds, facts, states))
+
+    def _confirm(self) -> None:
+        """Stops a worker whose frames another one has taken over."""
+        if self._lease is not None:
+            self._lease.confirm()
 
     def _keep(self, name: str, position: int, values: Float32) -> str:
         """Writes one array and caches it: the next stage of this frame most often runs in this process."""
+        self._confirm()
         digest = self.store.write(name, position, values)
         decoded.FRAMES.put(("frame", digest), np.array(values, np.float32), values.nbytes)
         return digest

@@ -18,7 +18,9 @@ from typing import Any
 import pytest
 import yaml
 
-from yesnt.runtime.cluster import ALLOCATOR, ClusterSpec, dask_settings, open_cluster
+from yesnt.runtime.cluster import open_cluster
+from yesnt.runtime.launchers.spec import ClusterSpec
+from yesnt.runtime.worker_settings import ALLOCATOR, dask_settings
 
 ROOT = Path(__file__).parent.parent
 DOCKERFILES = sorted((ROOT / "docker").glob("*.Dockerfile"))

@@ -15,7 +15,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parent))
 from long_shot import write_long_shot
 
-from yesnt.runtime.cluster import ClusterSpec
+from yesnt.runtime.launchers.spec import ClusterSpec
 from yesnt.runtime.session import RunOptions, Session
 
 

@@ -14,8 +14,10 @@ from yesnt.core.errors import ClusterLostError, UsageError
 from yesnt.core.shot import GBufferInput, Job, LightInput, PlateInput, Shot
 from yesnt.io.records import RecordBook
 from yesnt.planning.graph import Graph, Node
-from yesnt.runtime.cluster import ClusterSpec, _prepare_plugin, _prepare_workers, open_cluster
+from yesnt.runtime.cluster import open_cluster
 from yesnt.runtime.driver import Driver, DriverSettings, Outcome
+from yesnt.runtime.launchers.spec import ClusterSpec
+from yesnt.runtime.prepare_workers import prepare_plugin, prepare_workers
 
 pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning")  # Dask closes sockets of killed workers late
 
@@ -153,7 +155,7 @@ def test_remote_schedulers_need_tls() -> None:
 
 
 def test_a_scheduler_that_is_not_there_is_a_lost_cluster(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("yesnt.runtime.cluster._CONNECT_SECONDS", 1)
+    monkeypatch.setattr("yesnt.runtime.cluster.CONNECT_SECONDS", 1)
     with pytest.raises(ClusterLostError, match="does not answer"), open_cluster(ClusterSpec("tcp://127.0.0.1:9")):
         pass
 
@@ -245,22 +247,22 @@ class _LeavingWorkers:
 def test_a_worker_that_leaves_while_a_run_attaches_is_passed_over(
     monkeypatch: pytest.MonkeyPatch, error: Exception
 ) -> None:
-    monkeypatch.setattr("yesnt.runtime.cluster.time.sleep", lambda seconds: None)
+    monkeypatch.setattr("yesnt.runtime.prepare_workers.time.sleep", lambda seconds: None)
     client = _LeavingWorkers(2, error)
-    _prepare_workers(client, _prepare_plugin((), compiles=False))
+    prepare_workers(client, prepare_plugin((), compiles=False))
     assert client.asked == [True, False, False], "workers that were passed over are asked again"
 
 
 def test_workers_that_never_stay_are_a_lost_cluster(monkeypatch: pytest.MonkeyPatch) -> None:
     pauses: list[float] = []
-    monkeypatch.setattr("yesnt.runtime.cluster.time.sleep", pauses.append)
+    monkeypatch.setattr("yesnt.runtime.prepare_workers.time.sleep", pauses.append)
     with pytest.raises(ClusterLostError, match=r"cannot be prepared \(CommClosedError: closed\).*:8786.*run the same"):
-        _prepare_workers(_LeavingWorkers(100, CommClosedError("closed")), _prepare_plugin((), compiles=False))
+        prepare_workers(_LeavingWorkers(100, CommClosedError("closed")), prepare_plugin((), compiles=False))
     assert sum(pauses) < 20
     gone = _LeavingWorkers(100, CommClosedError("closed"))
     gone.status = "closed"
     with pytest.raises(ClusterLostError):
-        _prepare_workers(gone, _prepare_plugin((), compiles=False))
+        prepare_workers(gone, prepare_plugin((), compiles=False))
     assert len(gone.asked) == 1, "a scheduler that is gone is not asked again"
 
 

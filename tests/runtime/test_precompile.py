@@ -10,9 +10,9 @@ import time
 import pytest
 
 from yesnt.cli.text import compiling_line
-from yesnt.runtime import cluster, precompile
-from yesnt.runtime.cluster import _prepare_plugin
+from yesnt.runtime import precompile, prepare_workers
 from yesnt.runtime.precompile import Precompilation, Unit, compile_missing
+from yesnt.runtime.prepare_workers import prepare_plugin
 
 SIGNATURES = """
 import gc, json
@@ -121,8 +121,8 @@ def test_a_run_that_ends_early_ends_its_compilers(units, monkeypatch):
 @pytest.fixture
 def unpinned(monkeypatch):
     """A worker pins the libraries of its process; this process is not ours to pin."""
-    monkeypatch.setattr(cluster, "THREAD_VARIABLES", ())
-    monkeypatch.setattr(cluster, "pin_threads", dict)
+    monkeypatch.setattr(prepare_workers, "THREAD_VARIABLES", ())
+    monkeypatch.setattr(prepare_workers, "pin_threads", dict)
 
 
 @pytest.mark.parametrize(
@@ -130,10 +130,10 @@ def unpinned(monkeypatch):
 )
 def test_workers_of_another_cluster_compile_what_is_missing(units, unpinned, compiles, modules, expected):
     """The workers of our own cluster find everything compiled; one that runs no tasks of ours needs nothing."""
-    asyncio.run(_prepare_plugin(modules, compiles).setup(None))
+    asyncio.run(prepare_plugin(modules, compiles).setup(None))
     assert len(units) == expected
 
 
 def test_a_worker_that_cannot_compile_still_joins(unpinned, monkeypatch):
-    monkeypatch.setattr(cluster, "compile_missing", lambda: 1 / 0)
-    asyncio.run(_prepare_plugin(("json",), True).setup(None))
+    monkeypatch.setattr(prepare_workers, "compile_missing", lambda: 1 / 0)
+    asyncio.run(prepare_plugin(("json",), True).setup(None))

@@ -19,7 +19,8 @@ from yesnt.inspect.verify import verify
 from yesnt.io.pictures.image import read_image
 from yesnt.io.store import FrameStore
 from yesnt.planning.stages import COMPOSITE, DECOMPOSE, FLOW, RELIGHT
-from yesnt.runtime.cluster import ClusterSpec, open_cluster
+from yesnt.runtime.cluster import open_cluster
+from yesnt.runtime.launchers.spec import ClusterSpec
 from yesnt.runtime.session import RunOptions, RunResult, Session
 
 FRAMES = 4

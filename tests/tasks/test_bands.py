@@ -16,8 +16,9 @@ from yesnt.io.store import FrameStore
 from yesnt.planning.chunks import Extent, matte_extent, plan_chunks
 from yesnt.planning.graph import Graph
 from yesnt.planning.stages import SOLVE
-from yesnt.runtime.cluster import ClusterSpec, open_cluster
+from yesnt.runtime.cluster import open_cluster
 from yesnt.runtime.driver import is_done
+from yesnt.runtime.launchers.spec import ClusterSpec
 from yesnt.runtime.session import RunOptions, Session
 from yesnt.tasks.run import run_node
 from yesnt.temporal import EnergyParams

@@ -25,25 +25,31 @@ ShotArgument = Annotated[Path, typer.Argument(metavar="SHOT", help="shot.yaml or
 JsonOption = Annotated[bool, typer.Option("--json", help="one JSON document on stdout")]
 FramesOption = Annotated[str | None, typer.Option(help="frames, as 1001-1010x2,1020")]
 WorkersOption = Annotated[int, typer.Option(min=1, max=1024, help="worker processes, one thread each")]
-ClusterOption = Annotated[str, typer.Option(help="local, or the address of a running scheduler")]
+ClusterWorkersOption = Annotated[
+    int | None, typer.Option(min=1, max=10_000, help="CPU workers, one thread each [2, or the profile's]")
+]
+ClusterOption = Annotated[str, typer.Option(help="local, slurm, a profile (farm.yaml), or a scheduler's address")]
+InsecureOption = Annotated[bool, typer.Option("--insecure", help="allow plain TCP to a scheduler elsewhere")]
 
 
 @app.command()
 def run(
     shot: ShotArgument,
-    workers: WorkersOption = 2,
+    workers: ClusterWorkersOption = None,
     cluster: ClusterOption = "local",
+    insecure: InsecureOption = False,
     frames: FramesOption = None,
     until: Annotated[str | None, typer.Option(metavar="STAGE", help="stop after this stage")] = None,
     accept_license: Annotated[list[str] | None, typer.Option(metavar="NAME", help="a non-commercial licence")] = None,
     json: JsonOption = False,
 ) -> int:
     """Run a shot; what is done already is not done again."""
-    from yesnt.runtime.cluster import ClusterSpec
+    from yesnt.runtime.launchers.spec import read_cluster
     from yesnt.runtime.session import RunOptions, Session
 
+    where = read_cluster(cluster, workers, insecure)
     session = Session(shot, tuple(accept_license or ()), FileProgress())
-    return _drive(session, RunOptions(frames, until, ClusterSpec(cluster, workers)), json)
+    return _drive(session, RunOptions(frames, until, where), json)
 
 
 @app.command()
@@ -54,7 +60,7 @@ def demo(
 ) -> int:
     """Run the main job on the embedded shot with two local workers."""
     from yesnt.io.embedded_shot import copy_embedded_shot
-    from yesnt.runtime.cluster import ClusterSpec
+    from yesnt.runtime.launchers.spec import ClusterSpec
     from yesnt.runtime.session import RunOptions, Session
 
     return _drive(Session(copy_embedded_shot(folder)), RunOptions(cluster=ClusterSpec("local", workers)), json)
@@ -69,13 +75,17 @@ def init(folder: Annotated[Path, typer.Argument(metavar="DIR")]) -> None:
 
 
 @app.command()
-def plan(shot: ShotArgument, json: JsonOption = False) -> None:
+def plan(shot: ShotArgument, cluster: ClusterOption = "local", json: JsonOption = False) -> None:
     """Print what a run would do, why, and what it would cost; no stage runs."""
     from yesnt.cli.plan import print_plan
     from yesnt.inspect.forecast import forecast
+    from yesnt.runtime.launchers.spec import read_cluster
     from yesnt.runtime.session import Session
 
-    found = forecast(Session(shot, progress=FileProgress()))
+    where = read_cluster(cluster, insecure=True)  # nothing is connected
+    session = Session(shot, progress=FileProgress())
+    session.check_cluster(where)
+    found = forecast(session)
     if json:
         text.print_json(found.as_json())
     else:
@@ -115,18 +125,20 @@ def retry(
     shot: ShotArgument,
     frames: FramesOption = None,
     stage: Annotated[list[str] | None, typer.Option(help="stage to do again; may be given more than once")] = None,
-    workers: WorkersOption = 2,
+    workers: ClusterWorkersOption = None,
     cluster: ClusterOption = "local",
+    insecure: InsecureOption = False,
     json: JsonOption = False,
 ) -> int:
     """Compute frames again: remove their records and marks of death, then run."""
     from yesnt.inspect.forget import forget
     from yesnt.planning.stages import STAGES
-    from yesnt.runtime.cluster import ClusterSpec
+    from yesnt.runtime.launchers.spec import read_cluster
     from yesnt.runtime.session import RunOptions, Session
 
+    where = read_cluster(cluster, workers, insecure)
     forget(Session(shot), stage or list(STAGES), frames)
-    return _drive(Session(shot), RunOptions(cluster=ClusterSpec(cluster, workers)), json)
+    return _drive(Session(shot), RunOptions(cluster=where), json)
 
 
 @app.command()
@@ -140,7 +152,7 @@ def verify(
     from dataclasses import asdict
 
     from yesnt.inspect.verify import verify as find
-    from yesnt.runtime.cluster import ClusterSpec
+    from yesnt.runtime.launchers.spec import ClusterSpec
     from yesnt.runtime.session import RunOptions, Session
 
     session = Session(shot)
@@ -174,7 +186,7 @@ def stage(
     out: Annotated[Path, typer.Option(help="root of the sets")] = Path("stage"),
     cache: Annotated[Path, typer.Option(help="folder of fetched assets")] = Path("stage/cache"),
     small: Annotated[bool, typer.Option("--small", help="2 subjects, 2 maps, 64x64")] = False,
-    workers: Annotated[int, typer.Option(min=1, help="Blenders side by side")] = 2,
+    workers: Annotated[int | None, typer.Option(min=1, help="Blenders side by side [2, or the profile's]")] = None,
     cluster: ClusterOption = "local",
 ) -> int:
     """Render sets of the virtual capture stage, with truth (needs `make blender`); resumes."""

@@ -27,8 +27,10 @@ QualityOption = Annotated[
     str | None, typer.Option(help="draft, standard, final, reference (default: as the shot says)")
 ]
 LpipsOption = Annotated[Path | None, typer.Option(help="state_dict of LPIPS with AlexNet, for the LPIPS columns")]
-WorkersOption = Annotated[int, typer.Option(min=0, max=1024, help="worker processes; 0: in this process")]
-ClusterOption = Annotated[str, typer.Option(help="local, or the address of a running scheduler")]
+WorkersOption = Annotated[
+    int | None, typer.Option(min=0, max=1024, help="worker processes; 0: in this process [2, or the profile's]")
+]
+ClusterOption = Annotated[str, typer.Option(help="local, slurm, a profile (farm.yaml), or a scheduler's address")]
 JsonOption = Annotated[bool, typer.Option("--json", help="one JSON document on stdout")]
 
 
@@ -44,7 +46,7 @@ def evaluate(
     weights: WeightsOption = None,
     quality: QualityOption = None,
     lpips: LpipsOption = None,
-    workers: WorkersOption = 2,
+    workers: WorkersOption = None,
     cluster: ClusterOption = "local",
     json: JsonOption = False,
 ) -> int:

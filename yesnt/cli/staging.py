@@ -8,7 +8,7 @@ from pathlib import Path
 from yesnt.core.errors import UsageError
 
 
-def drive_stage(sets: list[str], out: Path, cache: Path, small: bool, workers: int, cluster: str) -> int:
+def drive_stage(sets: list[str], out: Path, cache: Path, small: bool, workers: int | None, cluster: str) -> int:
     """Renders what is missing; 3 if jobs failed.
 
     Raises:
@@ -19,7 +19,7 @@ def drive_stage(sets: list[str], out: Path, cache: Path, small: bool, workers: i
     from yesnt.capture_stage.tools import find_tools
     from yesnt.cli.progress import BarProgress, LineProgress
     from yesnt.runtime.capture_stage_run import CaptureStageContext, run_capture_stage
-    from yesnt.runtime.cluster import ClusterSpec
+    from yesnt.runtime.launchers.spec import read_cluster
 
     unknown = sorted(set(sets) - set(SETS))
     if unknown:
@@ -27,7 +27,7 @@ def drive_stage(sets: list[str], out: Path, cache: Path, small: bool, workers: i
     context = CaptureStageContext(str(out.absolute()), find_tools(cache.absolute()))
     progress = BarProgress() if sys.stdout.isatty() else LineProgress()
     with progress:
-        outcome = run_capture_stage(sets, context, small, ClusterSpec(cluster, workers), progress)
+        outcome = run_capture_stage(sets, context, small, read_cluster(cluster, workers), progress)
     for node, reason in {**outcome.failed, **outcome.dead}.items():
         print(f"Failed: {node}: {reason}")
     print(f"Sets: {', '.join(str(out / name) for name in sets)}")

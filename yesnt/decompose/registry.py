@@ -73,6 +73,7 @@ class Entry:
         footprint: maps the path of the weights and all knobs, defaults included, to the size of one call.
         knobs: declared settings by name.
         published: files that the folder of weights must hold; None: the weights are a single file in the package.
+        gpu: the network is made for a GPU; a cluster that has GPU workers runs it on these alone.
     """
 
     implementation: str
@@ -81,6 +82,7 @@ class Entry:
     footprint: Callable[[Path, Knobs], Footprint]
     knobs: Mapping[str, KnobSpec] = field(default_factory=dict)
     published: Published | None = None
+    gpu: bool = False
 
     def resolve(self, knobs: Knobs) -> dict[str, Any]:
         """Returns every declared knob with the job's value or the default.
@@ -132,6 +134,7 @@ ENTRIES: dict[str, Entry] = {
         # 0 of steps and patch: the value that the checkpoint states.
         knobs={"steps": KnobSpec(0, low=0), "patch": KnobSpec(0, low=0), "batch": KnobSpec(1), "precision": _PRECISION},
         published=MARIGOLD,
+        gpu=True,
     ),
     "rgbx": Entry(
         "yesnt.decompose.rgbx:RgbxBackend",
@@ -140,6 +143,7 @@ ENTRIES: dict[str, Entry] = {
         footprint=lambda folder, knobs: Footprint(knobs["patch"], 8, 2 * knobs["steps"]),
         knobs={"steps": KnobSpec(50), "patch": KnobSpec(768), "batch": KnobSpec(1), "precision": _PRECISION},
         published=RGBX,
+        gpu=True,
     ),
     "diffusion-renderer": Entry(
         "yesnt.decompose.diffusion_renderer:DiffusionRendererBackend",
@@ -153,6 +157,7 @@ ENTRIES: dict[str, Entry] = {
             "window_overlap": KnobSpec(6, low=0), "precision": _PRECISION,
         },
         published=DIFFUSION_RENDERER,
+        gpu=True,
     ),
     "diffusion-renderer-cosmos": Entry(
         "yesnt.decompose.cosmos:CosmosBackend",
@@ -166,6 +171,7 @@ ENTRIES: dict[str, Entry] = {
             "python": KnobSpec(""), "allow_pickle": KnobSpec(False), "offload": KnobSpec(True),
         },
         published=COSMOS,
+        gpu=True,
     ),
 }  # fmt: skip
 """Every backend by the name in the job file."""

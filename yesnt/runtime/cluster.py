@@ -1,78 +1,29 @@
-"""Starts a local Dask cluster, or connects to one that is running; plain TCP on this machine only, else TLS."""
+"""Opens the cluster of a run: starts or finds its scheduler, connects, prepares the workers."""
 
 from __future__ import annotations
 
-import importlib
 import logging
 import os
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from yesnt.core.errors import ClusterLostError, MissingPartError, UsageError
-from yesnt.core.threads import THREAD_VARIABLES, pin_threads
-from yesnt.runtime.precompile import compile_missing
+from yesnt.core.errors import ClusterLostError
+from yesnt.runtime.launchers.local import restore_environment
+from yesnt.runtime.launchers.spec import ClusterSpec
+from yesnt.runtime.launchers.table import Running, launched
+from yesnt.runtime.prepare_workers import prepare_plugin, prepare_workers
 from yesnt.runtime.stop_cluster import children_without_interrupt, start_quiet_tracker, stop_now
+from yesnt.runtime.worker_settings import CONNECT_SECONDS, WORKER_ENVIRONMENT, dask_settings
 
 if TYPE_CHECKING:
     from distributed import Client
-
-ALLOCATOR = {
-    "MALLOC_MMAP_THRESHOLD_": str(32 << 20), "MALLOC_TRIM_THRESHOLD_": str(512 << 20), "MALLOC_ARENA_MAX": "1",
-}  # fmt: skip
-"""A worker keeps freed pages for its next frame. Dask's own setting (trim at 64 kB) returns every large array to the
-kernel and faults it in again: 43 % of the processor time of decomposition, for 4 % less memory."""
-
-WORKER_ENVIRONMENT = {**dict.fromkeys(THREAD_VARIABLES, "1"), **ALLOCATOR, "PYTHONHASHSEED": "6640"}
-"""Environment of local workers and of the process that they are forked from; the hash seed is Dask's default."""
-
-_CONNECT_SECONDS = 20
-
-_PREPARE_PAUSES = (0.5, 1.0, 2.0, 4.0, 4.0, 4.0)
-"""Seconds after a failed attempt to prepare the workers; in that time a worker that restarts is back."""
 
 _NOISY = (
     "asyncio", "tornado.application", "distributed", "distributed.client", "distributed.core", "distributed.comm",
     "distributed.nanny", "distributed.scheduler", "distributed.worker", "distributed.utils", "distributed.batched",
 )  # fmt: skip
 """Loggers that tell of lost connections, with tracebacks."""
-
-
-@dataclass(frozen=True)
-class ClusterSpec:
-    """Where tasks run.
-
-    Attributes:
-        kind: "local", or the address of a running scheduler (`tcp://127.0.0.1:8786`, `tls://host:8786`).
-        workers: processes of a local cluster.
-        memory: limit of a local worker in bytes; 0 leaves it to Dask (all memory / workers).
-    """
-
-    kind: str = "local"
-    workers: int = 2
-    memory: int = 0
-
-
-def check_kind(spec: ClusterSpec) -> None:
-    """Refuses a kind of cluster that is not known, before anything is written.
-
-    Raises:
-        UsageError: the kind is unknown, or a scheduler off this machine is asked for without TLS.
-    """
-    kind, here = spec.kind, ("tcp://127.", "tcp://localhost", "tcp://[::1]")
-    if kind == "local" or kind.startswith(("tls://", *here)):
-        return
-    if kind.startswith("tcp://"):
-        raise UsageError(
-            "A scheduler on another machine must use TLS: whoever reaches it runs code",
-            f"--cluster {kind}", "tls://HOST:PORT", "start the scheduler with TLS, or tunnel it to 127.0.0.1",
-        )  # fmt: skip
-    raise UsageError(
-        f"No cluster of the kind {kind!r}", "--cluster", "local, tcp://127.0.0.1:PORT or tls://HOST:PORT",
-        "start a scheduler and workers by SSH or by your farm's own means (deploy/README.md), and give its address",
-    )  # fmt: skip
 
 
 def warm_up(spec: ClusterSpec, modules: tuple[str, ...]) -> None:
@@ -94,7 +45,7 @@ def warm_up(spec: ClusterSpec, modules: tuple[str, ...]) -> None:
         with children_without_interrupt():
             forkserver.ensure_running()
     finally:
-        _restore(before)
+        restore_environment(before)
 
 
 @contextmanager
@@ -113,26 +64,33 @@ def open_cluster(spec: ClusterSpec, modules: tuple[str, ...] = ()) -> Iterator[C
     import dask
     import distributed  # noqa: F401 - it sets up its loggers, which are silenced below
 
-    with dask.config.set(dask_settings()), _quiet(), _address(spec) as address:
-        client = _connect(address)
+    with dask.config.set(dask_settings()), _quiet(), launched(spec) as running:
+        client = _connect(running)
         try:
-            _prepare_workers(client, _prepare_plugin(modules, compiles=spec.kind != "local"))
+            prepare_workers(client, prepare_plugin(modules, compiles=spec.kind != "local"))
             yield client
         except KeyboardInterrupt:
             stop_now(client)
+            raise
+        except ClusterLostError as error:  # the launcher may know why
+            if (problem := running.problem()) is not None:
+                raise problem from error
             raise
         finally:
             _close(client)
 
 
-def _connect(address: Any) -> Client:
+def _connect(running: Running) -> Client:
     from distributed import Client
 
     try:
-        return Client(address, timeout=_CONNECT_SECONDS, set_as_default=False)
+        return Client(running.address, security=running.security, timeout=CONNECT_SECONDS, set_as_default=False)
     except (OSError, TimeoutError) as error:
         raise ClusterLostError(
-            "The scheduler does not answer", str(address), "a running Dask scheduler", "start it, then run again"
+            "The scheduler does not answer",
+            str(running.address),
+            "a running Dask scheduler",
+            "start it, then run again",
         ) from error
 
 
@@ -149,32 +107,6 @@ def address_of(client: Client) -> str:
     return str(getattr(client.scheduler, "address", ""))
 
 
-def _prepare_workers(client: Client, plugin: Any) -> None:
-    """Registers a plugin with all workers, present and future.
-
-    The scheduler hands it to one worker after another and fails if one leaves meanwhile (its lifetime ends, a farm
-    takes it back); then all that are left are asked again.
-
-    Raises:
-        ClusterLostError: that happened again and again, or the scheduler is gone.
-    """
-    problem: Exception | None = None
-    for pause in _PREPARE_PAUSES:
-        try:
-            client.register_plugin(plugin)
-            return
-        except Exception as error:  # what a worker that is being closed raises depends on what it was doing
-            problem = error
-            plugin.idempotent = False  # a worker that was passed over must get it
-            if client.status != "running":
-                break
-            time.sleep(pause)
-    raise ClusterLostError(
-        f"The workers cannot be prepared ({type(problem).__name__}: {problem})", address_of(client),
-        "workers that stay for a while", "look at their logs, then run the same command again",
-    ) from problem  # fmt: skip
-
-
 @contextmanager
 def _quiet() -> Iterator[None]:
     """Silences what Dask and asyncio log about lost connections: the run's own error says it in one sentence."""
@@ -189,117 +121,6 @@ def _quiet() -> Iterator[None]:
             logger.setLevel(level)
 
 
-def dask_settings() -> dict[str, Any]:
-    """Dask's settings for long tasks that keep their pixels to themselves; `deploy/dask.yaml` says the same."""
-    from yesnt.planning.stages import STAGES
-
-    return {
-        "distributed.scheduler.allowed-failures": 0,  # a death is counted by the driver, not by Dask
-        "distributed.scheduler.work-stealing": False,  # the window holds one task a slot: nothing to steal
-        "distributed.scheduler.no-workers-timeout": "120s",
-        "distributed.scheduler.default-task-durations": {
-            row.name: f"{row.cost.scheduler_seconds}s" for row in STAGES.values() if row.cost.scheduler_seconds
-        },
-        "distributed.worker.memory.target": False,  # receipts are small: there is nothing to spill
-        "distributed.worker.memory.spill": False,
-        "distributed.worker.memory.pause": False,
-        "distributed.worker.memory.terminate": 0.95,
-        "distributed.worker.memory.recent-to-old-time": "600s",
-        "distributed.nanny.pre-spawn-environ": {**dict.fromkeys(THREAD_VARIABLES, "1"), **ALLOCATOR},
-        "distributed.comm.timeouts.connect": f"{_CONNECT_SECONDS}s",
-        "distributed.worker.use-file-locking": False,
-        "distributed.admin.low-level-log-length": 0,
-        # What Dask measures of itself many times a second costs a long run processor time and, slowly, memory.
-        "distributed.worker.profile.enabled": False,
-        "distributed.admin.tick.interval": "500ms",
-        "distributed.admin.system-monitor.interval": "2s",
-    }
-
-
-@contextmanager
-def _address(spec: ClusterSpec) -> Iterator[Any]:
-    if spec.kind == "local":
-        import dask
-
-        with dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"}), _local(spec) as cluster:
-            yield cluster
-    else:
-        check_kind(spec)
-        yield spec.kind
-
-
-@contextmanager
-def _local(spec: ClusterSpec) -> Iterator[Any]:
-    from distributed import LocalCluster
-
-    before = {name: os.environ.get(name) for name in WORKER_ENVIRONMENT}
-    try:
-        cluster = LocalCluster(
-            n_workers=spec.workers,
-            threads_per_worker=1,
-            processes=True,
-            host="127.0.0.1",
-            dashboard_address="127.0.0.1:0",
-            worker_dashboard_address=None,
-            memory_limit=spec.memory or "auto",
-            env={**os.environ, **WORKER_ENVIRONMENT},  # a forked worker would have that of the first run's time
-            silence_logs=logging.CRITICAL,
-        )
-    except ImportError as error:  # bokeh is a dependency of ours, but a trimmed install may lack it
-        raise MissingPartError("The dashboard's library is absent", str(error), "bokeh", "pip install bokeh") from error
-    _restore(before)
-    try:
-        yield cluster
-    finally:
-        with suppress(TimeoutError):  # a crowded machine; the workers end with this process, and all work is recorded
-            cluster.close(timeout=10)
-        _restore(before)
-
-
-def _restore(environment: dict[str, str | None]) -> None:
-    """Undoes what Dask's nannies set for their children: it would stay set in this process."""
-    for name, value in environment.items():
-        if value is None:
-            os.environ.pop(name, None)
-        else:
-            os.environ[name] = value
-
-
 def _close(client: Client) -> None:
     with suppress(OSError, TimeoutError):  # the scheduler may be what is lost, or too busy
         client.close(timeout=5)
-
-
-def _prepare_plugin(modules: tuple[str, ...], compiles: bool) -> Any:
-    from distributed import WorkerPlugin
-
-    class Prepare(WorkerPlugin):
-        """Prepares a worker before its first task, also one that replaces a dead worker.
-
-        Pinning matters in workers that were started without our environment (a user's own cluster). These also compile
-        the kernels; the workers of one host share that work.
-        """
-
-        name = "yesnt-prepare"
-        idempotent = True
-
-        async def setup(self, worker: Any) -> None:
-            """Pins, then imports and compiles in a thread, so that the worker's heart beats meanwhile."""
-            import asyncio
-
-            del worker
-            os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
-            await asyncio.to_thread(import_all, modules)
-            if compiles and modules:
-                with suppress(Exception):  # a task compiles the kernel that it lacks, or says why it cannot
-                    await asyncio.to_thread(compile_missing)
-            pin_threads()
-
-    return Prepare()
-
-
-def import_all(modules: tuple[str, ...]) -> None:
-    """Imports modules; one that is absent is left to the task that needs it, which can say what for."""
-    for name in modules:
-        with suppress(ImportError):
-            importlib.import_module(name)

@@ -27,11 +27,14 @@ from yesnt.io.store import FrameStore
 from yesnt.planning import settings as of
 from yesnt.planning.chunks import ChunkPlan, Extent, fits_whole, matte_extent, plan_chunks
 from yesnt.planning.graph import Graph, Node, NodeId
+from yesnt.planning.resources import needs_gpu
 from yesnt.planning.shot_plan import ShotPlan
 from yesnt.planning.stages import FORMER_ARRAYS, STAGES
-from yesnt.runtime.cluster import ClusterSpec, address_of, check_kind, dashboard_of, open_cluster, warm_up
+from yesnt.runtime.cluster import address_of, dashboard_of, open_cluster, warm_up
 from yesnt.runtime.driver import Driver, DriverSettings, Outcome, is_done
 from yesnt.runtime.input_checks import InputChecks
+from yesnt.runtime.launchers.spec import ClusterSpec
+from yesnt.runtime.launchers.table import check_cluster
 from yesnt.runtime.precompile import Precompilation
 from yesnt.runtime.preflight import Resolved, resolve
 from yesnt.runtime.stop_cluster import stop_now
@@ -174,18 +177,29 @@ class Session:
             return chosen if last == "composite" else [n.id for n in graph if n.stage.label in ("composite", "preview")]
         return [n.id for n in graph if n.stage.name == last and not wanted.isdisjoint(n.frames)]
 
+    def check_cluster(self, spec: ClusterSpec) -> ClusterSpec:
+        """The cluster as this job uses it.
+
+        Raises:
+            UsageError: it cannot run the job, for example because no worker has the GPU that the backend is made for.
+            MissingPartError: the kind of cluster needs a package that is absent.
+        """
+        where = spec.of_job(needs_gpu(self.job.shot), self.output.run)
+        check_cluster(where)
+        return where
+
     def run(self, options: RunOptions, listen: Listener = lambda event: None) -> RunResult:
         """Runs what is not done; frames that cannot be had are left out so that all others finish.
 
         Raises:
             YesntError: bad input, a full disk, a lost scheduler.
         """
-        check_kind(options.cluster)
+        where = self.check_cluster(options.cluster)
         graph = self.graph()
         wanted = graph.closure(self.targets(graph, options))  # wrong options are refused before anything is written
         warnings = self.checks.form()
         result = RunResult(warnings=warnings, output=self.output.root)
-        with _LazyCluster(options.cluster, worker_modules(self.job.shot)) as cluster:
+        with _LazyCluster(where, worker_modules(self.job.shot)) as cluster:
             if any(not is_done(self.book, node) for node in wanted):
                 cluster.begin(listen)
             result.warnings += self.checks.content()
@@ -335,7 +349,7 @@ class _LazyCluster:
             self._compiling.close()
         if kind is None or not issubclass(kind, KeyboardInterrupt):
             self._starter.shutdown(wait=True)
-            self._stack.close()
+            self._stack.__exit__(kind, *rest)  # the launcher may know better why a cluster was lost
             return
         warnings.simplefilter("ignore")  # the process ends: of coroutines that were never awaited, and the like
         self._starter.shutdown(wait=False)

@@ -26,8 +26,9 @@ from yesnt.measure.evaluation.summary import summarise
 from yesnt.measure.evaluation.table import as_markdown
 from yesnt.measure.evaluation.tasks import run_evaluation_node
 from yesnt.planning.graph import Graph, NodeId
-from yesnt.runtime.cluster import ClusterSpec, open_cluster
+from yesnt.runtime.cluster import open_cluster
 from yesnt.runtime.driver import Driver
+from yesnt.runtime.launchers.spec import read_cluster
 from yesnt.runtime.precompile import Precompilation
 from yesnt.runtime.session import Session
 from yesnt.workflows.evaluate import ablation_graph, constants_graph, evaluation_graph
@@ -48,7 +49,7 @@ class EvalOptions:
         weights: of the decomposition; None: as the shots say.
         quality: of the relighting; None: as the shots say.
         lpips: a state_dict of LPIPS with AlexNet, for the columns that need one.
-        workers: worker processes; 0: everything in this process.
+        workers: worker processes; 0: everything in this process; None: the cluster profile's, or 2.
         cluster: where tasks run.
     """
 
@@ -60,7 +61,7 @@ class EvalOptions:
     weights: Path | None = None
     quality: str | None = None
     lpips: Path | None = None
-    workers: int = 2
+    workers: int | None = None
     cluster: str = "local"
 
 
@@ -210,7 +211,7 @@ class _Drive:
 
     def _cluster(self) -> Any:
         if self._client is None:
-            spec = ClusterSpec(self._options.cluster, self._options.workers)
+            spec = read_cluster(self._options.cluster, self._options.workers)
             if spec.kind == "local":
                 with closing(Precompilation()) as compilation:
                     compilation.wait(self._listen)

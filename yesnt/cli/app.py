@@ -93,8 +93,25 @@ def plan(shot: ShotArgument, cluster: ClusterOption = "local", json: JsonOption 
 
 
 @app.command()
-def status(shot: ShotArgument, json: JsonOption = False) -> None:
+def status(
+    shot: ShotArgument,
+    watch: Annotated[bool, typer.Option("--watch", help="follow a run until it is done")] = False,
+    json: JsonOption = False,
+) -> None:
     """Print the state of every stage, and why frames are stale."""
+    if watch:
+        from yesnt.cli.watch import watch as follow
+        from yesnt.core.errors import UsageError
+
+        if json:
+            raise UsageError(
+                "A view that is drawn again is no JSON document",
+                "--watch --json",
+                "one of them",
+                "ask for `status --json` as often as you like",
+            )
+        follow(shot)
+        return
     from yesnt.inspect.status import status as find
 
     report = find(shot, FileProgress())

@@ -7,7 +7,7 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from yesnt.cli.text import compiling_line, done_line, notice_line
+from yesnt.cli.text import compiling_line, dashboard_lines, done_line, notice_line
 from yesnt.core.stage_id import StageId
 
 
@@ -30,7 +30,7 @@ class LineProgress:
             self._total, self._done = sum(event["stages"].values()), sum(event["reused"].values())
             print(f"{self._total} tasks, {self._done} done already", flush=True)
         elif kind == "cluster":
-            print(f"Dask dashboard: {event['dashboard']}", flush=True)
+            print(dashboard_lines(event), flush=True)
         elif notice_line(event):
             print(notice_line(event), flush=True)
         elif kind in ("compiling", "compiled"):
@@ -72,7 +72,7 @@ class BarProgress:
         if kind == "plan":
             self._lay_out(event)
         elif kind == "cluster":
-            self._progress.console.print(f"Dask dashboard: {event['dashboard']}")
+            self._progress.console.print(dashboard_lines(event))
         elif notice_line(event):
             self._progress.console.print(notice_line(event))
         elif kind in ("compiling", "compiled"):

@@ -67,6 +67,12 @@ def done_line(event: Mapping[str, Any]) -> str:
     return f"Frame {span} {event['stage']} done {event['seconds']:.1f}s {event['peak_bytes'] / 1e9:.2f}GB"
 
 
+def dashboard_lines(event: Mapping[str, Any]) -> str:
+    """Addresses of Dask's dashboard and, for a shot, of the page of all its frames."""
+    page = event.get("page")
+    return f"Dask dashboard: {event['dashboard']}" + (f"\nFrame grid:     {page}" if page else "")
+
+
 def compiling_line(event: Mapping[str, Any]) -> str:
     """Progress of the first run after an installation or a change of the kernels."""
     line = f"compiling kernels {event['done']}/{event['total']} (once per version), {event['seconds']:.0f} s"

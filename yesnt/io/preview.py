@@ -152,3 +152,11 @@ def _write_png(path: Path, picture: NDArray[np.uint8]) -> None:
     _, data = cv2.imencode(".png", picture[..., ::-1])
     with durable_path(path) as temporary:
         temporary.write_bytes(data.tobytes())
+
+
+def thumbnail(exr: Path) -> bytes:
+    """The composite of a delivered EXR as a small JPEG, for pages that show a run's progress."""
+    import cv2
+
+    _, data = cv2.imencode(".jpg", _shrink(_display(exr))[..., ::-1])
+    return bytes(data)

@@ -5,10 +5,8 @@ from __future__ import annotations
 import json
 import shutil
 import time
-import warnings
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -21,23 +19,24 @@ from yesnt.io.durable import sweep_partials, write_json
 from yesnt.io.jobfile import parse_frames
 from yesnt.io.lease import LeaseState
 from yesnt.io.output import OutputFolder
+from yesnt.io.preview import thumbnail
 from yesnt.io.record_index import RecordIndex
 from yesnt.io.records import RecordBook
 from yesnt.io.store import FrameStore
 from yesnt.planning import settings as of
 from yesnt.planning.chunks import ChunkPlan, Extent, fits_whole, matte_extent, plan_chunks
+from yesnt.planning.frame_grid import DEAD, FrameGrid
 from yesnt.planning.graph import Graph, Node, NodeId
 from yesnt.planning.resources import needs_gpu
 from yesnt.planning.shot_plan import ShotPlan
 from yesnt.planning.stages import FORMER_ARRAYS, STAGES
-from yesnt.runtime.cluster import address_of, dashboard_of, open_cluster, warm_up
 from yesnt.runtime.driver import Driver, DriverSettings, Outcome, is_done
 from yesnt.runtime.input_checks import InputChecks
 from yesnt.runtime.launchers.spec import ClusterSpec
 from yesnt.runtime.launchers.table import check_cluster
-from yesnt.runtime.precompile import Precompilation
+from yesnt.runtime.lazy_cluster import LazyCluster
+from yesnt.runtime.live_grid import LiveGrid
 from yesnt.runtime.preflight import Resolved, resolve
-from yesnt.runtime.stop_cluster import stop_now
 from yesnt.tasks.run import run_node, worker_modules
 from yesnt.workflows.shot import shot_graph
 
@@ -199,12 +198,12 @@ class Session:
         wanted = graph.closure(self.targets(graph, options))  # wrong options are refused before anything is written
         warnings = self.checks.form()
         result = RunResult(warnings=warnings, output=self.output.root)
-        with _LazyCluster(where, worker_modules(self.job.shot)) as cluster:
+        with LazyCluster(where, worker_modules(self.job.shot)) as cluster:
             if any(not is_done(self.book, node) for node in wanted):
                 cluster.begin(listen)
             result.warnings += self.checks.content()
             gone: list[LeaseState] = []
-            with self.output.lock(gone.append), self._events(listen) as tell:
+            with self.output.lock(gone.append), self._live_grid() as grid, self._events(listen, grid) as tell:
                 for state in gone:
                     tell(
                         {"event": "taken_over", "time": time.time(), "owner": str(state.owner or "an unknown process")}
@@ -214,14 +213,16 @@ class Session:
                 self.book.keep_only(self.job.frames)
                 self.output.exr.mkdir(parents=True, exist_ok=True)
                 result.missing = dict(self.marked_dead())
-                while self._pass(options, result, cluster, tell):
+                while self._pass(options, result, cluster, tell, grid):
                     pass
                 self._sweep_transients()
                 self._index_records()
                 result.dashboard = cluster.dashboard
         return result
 
-    def _pass(self, options: RunOptions, result: RunResult, cluster: _LazyCluster, tell: Listener) -> bool:
+    def _pass(
+        self, options: RunOptions, result: RunResult, cluster: LazyCluster, tell: Listener, grid: LiveGrid
+    ) -> bool:
         """Drives the graph once; True if frames were lost that the next pass must do without."""
         known = Missing(dict(result.missing))
         plan, graph = self.plan(known), self.graph(known)
@@ -232,7 +233,8 @@ class Session:
         driver = Driver(self.job, graph, self.book, run_node, options.driver, tell)
         reused = driver.reuse()
         tell({"event": "plan", "stages": _count(graph), "reused": _count_ids(reused.reused)})
-        outcome = driver.run(cluster.client(tell)) if driver.remaining else reused
+        grid.lay_out(graph, reused.reused)
+        outcome = driver.run(grid.published(cluster.client(tell))) if driver.remaining else reused
         _merge(result.outcome, outcome)
         for reasons in (outcome.failed, outcome.dead):
             for node_id, reason in reasons.items():
@@ -290,79 +292,31 @@ class Session:
             write_json(path, {"stage": node.stage.label, "frame": frame, "reason": reason})
 
     @contextmanager
-    def _events(self, listen: Listener) -> Iterator[Listener]:
-        """Every event goes to the event log and to the listener."""
+    def _live_grid(self) -> Iterator[LiveGrid]:
+        """The state of the run, which the dashboard shows."""
+        grid = FrameGrid(self.job.frames, self.job.width * self.job.height / 1e6)
+        for (stage, frame), reason in self.marked_dead().items():
+            grid.lose(stage.name, frame, DEAD, reason)
+        live = LiveGrid(
+            self.job.shot.name, grid, lambda frame: thumbnail(self.output.exr_path(self.job.shot.name, frame))
+        )
+        try:
+            yield live
+        finally:
+            live.close()
+
+    @contextmanager
+    def _events(self, listen: Listener, grid: LiveGrid) -> Iterator[Listener]:
+        """Every event goes to the event log, to the frame grid and to the listener."""
         with self.output.events.open("a", encoding="utf-8") as stream:
 
             def tell(event: Mapping[str, Any]) -> None:
                 stream.write(json.dumps(event, default=str) + "\n")
                 stream.flush()
+                grid.apply(event)
                 listen(event)
 
             yield tell
-
-
-class _LazyCluster:
-    """A cluster that starts in the background, and only if there is something to run.
-
-    The kernels of local workers are compiled in the same time, each once.
-    """
-
-    def __init__(self, spec: ClusterSpec, modules: tuple[str, ...]) -> None:
-        self._spec, self._modules, self._stack = spec, modules, ExitStack()
-        self._starter = ThreadPoolExecutor(2, "yesnt-cluster")
-        self._started: Future[Any] | None = None
-        self._told = False
-        self._compiled: Future[None] | None = None
-        self._compiling: Precompilation | None = None
-        self.dashboard = ""
-
-    def begin(self, listen: Listener) -> None:
-        """Starts the workers and compiles kernels in the background; errors are raised by `client`."""
-        if self._started is None:
-            if self._spec.kind == "local":
-                self._compiling = Precompilation()
-                self._compiled = self._starter.submit(self._compiling.wait, listen)
-            warm_up(self._spec, self._modules)
-            self._started = self._starter.submit(
-                lambda: self._stack.enter_context(open_cluster(self._spec, self._modules))
-            )
-
-    def client(self, tell: Listener) -> Any:
-        """The client, started if need be."""
-        self.begin(tell)
-        assert self._started is not None
-        client = self._started.result()
-        if self._compiled is not None:
-            self._compiled.result()
-        if not self._told:
-            self.dashboard, self._told = dashboard_of(client), True
-            tell({"event": "cluster", "dashboard": self.dashboard, "scheduler": address_of(client)})
-        return client
-
-    def __enter__(self) -> _LazyCluster:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *rest: Any) -> None:
-        """Stops the compilers and the workers, if there are any; at once if the user interrupts the run."""
-        if self._compiling is not None:
-            self._compiling.close()
-        if kind is None or not issubclass(kind, KeyboardInterrupt):
-            self._starter.shutdown(wait=True)
-            self._stack.__exit__(kind, *rest)  # the launcher may know better why a cluster was lost
-            return
-        warnings.simplefilter("ignore")  # the process ends: of coroutines that were never awaited, and the like
-        self._starter.shutdown(wait=False)
-        if self._started is not None and self._started.done():
-            self._stack.__exit__(kind, *rest)
-        elif self._started is not None:
-            self._started.add_done_callback(_stop_late)
-
-
-def _stop_late(started: Future[Any]) -> None:
-    """Stops a cluster that was still starting when the run was interrupted."""
-    if started.exception() is None:
-        stop_now(started.result())
 
 
 def _count(graph: Graph) -> dict[str, int]:

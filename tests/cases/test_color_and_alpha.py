@@ -93,7 +93,6 @@ def test_a_png_without_colour_space_is_srgb_and_that_is_reported(tmp_path: Path,
     assert says(check(folder), "srgb")
 
 
-@until_files_are_read()
 def test_a_matte_may_have_a_file_of_its_own(tmp_path: Path) -> None:
     plate = {"path": "plate.####.png", "colorspace": "srgb"}
     folder = write_shot(tmp_path / "s", plate=plate, matte={"path": "matte.####.png"})
@@ -105,7 +104,6 @@ def test_a_matte_may_have_a_file_of_its_own(tmp_path: Path) -> None:
     assert outcome.centre() == pytest.approx([0.503] * 3, abs=5e-3)
 
 
-@until_files_are_read()
 def test_a_tiff_whose_alpha_was_associated_after_encoding(tmp_path: Path) -> None:
     folder = write_shot(tmp_path / "s", plate={"path": "plate.####.tif", "colorspace": "srgb"})
     spec = oiio.ImageSpec(WIDTH, HEIGHT, 4, oiio.UINT8)
@@ -118,28 +116,24 @@ def test_a_tiff_whose_alpha_was_associated_after_encoding(tmp_path: Path) -> Non
     assert plate_centre(folder) == pytest.approx((0.503, 0.502), abs=5e-3)
 
 
-@until_files_are_read()
 def test_an_exr_in_srgb_whose_alpha_was_associated_after_encoding(tmp_path: Path) -> None:
     folder = write_shot(tmp_path / "s", plate={"path": "plate.####.exr", "colorspace": "srgb"})
     write(folder / PLATE, rgba(0.5, SPHERE.matte / 2))
     assert plate_centre(folder) == pytest.approx((0.214, 0.5), abs=2e-3)
 
 
-@until_files_are_read()
 def test_an_alpha_of_127_is_half_or_reported(tmp_path: Path) -> None:
     folder = write_shot(tmp_path / "s")
     write(folder / PLATE, rgba(0.25, SPHERE.matte) | {"A": 127 * SPHERE.matte})
     assert says(check(folder), "alpha") or plate_centre(folder) == pytest.approx((0.5, 0.498), abs=2e-3)
 
 
-@until_files_are_read()
 def test_an_integer_alpha_of_1_covers_the_pixel(tmp_path: Path) -> None:
     folder = write_shot(tmp_path / "s")
     write(folder / PLATE, rgba(0.5, SPHERE.matte) | {"A": SPHERE.hit.astype(np.uint32)})
     assert plate_centre(folder) == pytest.approx((0.5, 1.0), abs=2e-3)
 
 
-@until_files_are_read()
 def test_a_plate_without_alpha_is_reported_as_that(tmp_path: Path) -> None:
     folder = write_shot(tmp_path / "s")
     planes = rgba(0.5, SPHERE.matte)

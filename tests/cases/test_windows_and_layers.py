@@ -9,7 +9,7 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from tests.cases.marks import NOTHING_RAISED, until_files_are_read
+from tests.cases.marks import until_files_are_read
 from tests.cases.shots import (
     FRAME,
     HEIGHT,
@@ -55,7 +55,6 @@ def wrong_matte_pixels(folder: Path) -> int:
         raise AssertionError(f"the plate is refused: {refused}") from refused
 
 
-@until_files_are_read(NOTHING_RAISED)
 def test_a_deep_picture_is_refused_by_name(tmp_path: Path) -> None:
     path = tmp_path / "deep.exr"
     spec = oiio.ImageSpec(WIDTH, HEIGHT, 4, oiio.FLOAT)
@@ -74,7 +73,6 @@ def test_a_deep_picture_is_refused_by_name(tmp_path: Path) -> None:
         read_image(path)
 
 
-@until_files_are_read()
 def test_a_plate_whose_data_window_is_shifted_is_placed(tmp_path: Path) -> None:
     folder = write_shot(tmp_path / "s")
     moved = {name: np.roll(plane, (5, 7), (0, 1)) for name, plane in rgba(0.5, SPHERE.matte).items()}
@@ -82,7 +80,6 @@ def test_a_plate_whose_data_window_is_shifted_is_placed(tmp_path: Path) -> None:
     assert wrong_matte_pixels(folder) == 0
 
 
-@until_files_are_read()
 def test_a_data_window_beyond_the_display_window_is_cut(tmp_path: Path) -> None:
     folder = write_shot(tmp_path / "s")
     moved = {name: np.roll(plane, (-4, -8), (0, 1)) for name, plane in rgba(0.5, SPHERE.matte).items()}
@@ -132,7 +129,6 @@ NUKE = {"R": "rgba.red", "G": "rgba.green", "B": "rgba.blue", "A": "rgba.alpha"}
 LAYER = {c: f"rgba.{c}" for c in "RGBA"}
 
 
-@until_files_are_read()
 @pytest.mark.parametrize("names", [LAYER, NUKE], ids=["rgba.R", "rgba.red"])
 def test_a_plate_in_a_layer_is_found(tmp_path: Path, names: dict[str, str]) -> None:
     folder = write_shot(tmp_path / "s")
@@ -140,7 +136,6 @@ def test_a_plate_in_a_layer_is_found(tmp_path: Path, names: dict[str, str]) -> N
     assert finished(deliver(folder)).centre() == pytest.approx([0.5] * 3, abs=2e-3)
 
 
-@until_files_are_read()
 def test_normals_under_nukes_names_are_found(tmp_path: Path) -> None:
     folder = write_shot(tmp_path / "s")
     names = {"N.X": "N.red", "N.Y": "N.green", "N.Z": "N.blue"}
@@ -148,7 +143,6 @@ def test_normals_under_nukes_names_are_found(tmp_path: Path) -> None:
     assert finished(deliver(folder)).centre() == pytest.approx([0.5] * 3, abs=2e-3)
 
 
-@until_files_are_read()
 def test_a_beauty_in_the_second_part_is_found(tmp_path: Path) -> None:
     folder = write_shot(tmp_path / "s")
     depth = {"Z": SPHERE.z.astype(np.float32)}
@@ -156,14 +150,12 @@ def test_a_beauty_in_the_second_part_is_found(tmp_path: Path) -> None:
     assert finished(deliver(folder)).centre() == pytest.approx([0.5] * 3, abs=2e-3)
 
 
-@until_files_are_read()
 def test_plate_and_gbuffer_may_be_parts_of_one_file(tmp_path: Path) -> None:
     folder = write_shot(tmp_path / "s", gbuffer={"path": "plate.####.exr"})
     write_parts(folder / PLATE, {"rgba": rgba(0.5, SPHERE.matte), "gb": gbuffer(SPHERE)})
     assert finished(deliver(folder)).centre() == pytest.approx([0.5] * 3, abs=2e-3)
 
 
-@until_files_are_read()
 def test_a_plate_of_134_channels_is_read(tmp_path: Path) -> None:
     folder = write_shot(tmp_path / "s")
     others = {f"a{i}.R": SPHERE.matte.astype(np.float16) for i in range(130)}

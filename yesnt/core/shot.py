@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
 from yesnt.core.keyframes import Numbers, number_at, numbers_at
+from yesnt.core.windows import Raster, Window
 
 Colorspace = Literal["lin_rec709", "srgb"]
 Quality = Literal["draft", "standard", "final", "reference"]
@@ -30,18 +31,40 @@ class _Part(BaseModel):
 
 
 class PlateInput(_Part):
-    """The captured pictures: associated alpha if they carry A."""
+    """Colour pictures, the plate or the background.
+
+    `layer` (or the name of a part) or `channels` says where the colour is, `view` which eye; absent: well-known names
+    are looked for. `alpha` says whether colour was multiplied by coverage; absent: as the file's format has it.
+    """
 
     path: str
     colorspace: Colorspace = "lin_rec709"
+    layer: str | None = None
+    channels: dict[Literal["R", "G", "B", "A"], str] = Field(default_factory=dict)
+    view: str | None = None
+    alpha: Literal["straight", "premultiplied"] | None = None
+
+    @model_validator(mode="after")
+    def _one_way_to_name(self) -> Self:
+        if self.channels and (self.layer is not None or not {"R", "G", "B"} <= set(self.channels)):
+            raise ValueError("channels needs R, G and B, and no layer beside it")
+        return self
+
+
+class MatteInput(_Part):
+    """Coverage in pictures of its own, in place of the plate's alpha; `channel` is needed where it is not obvious."""
+
+    path: str
+    channel: str | None = None
 
 
 class GBufferInput(_Part):
-    """Planar z in metres and normals; the values name channels."""
+    """Planar z in metres and normals; the values name channels. Where the defaults are absent, well-known names are."""
 
     path: str
     z: str = "depth.Z"
     normal: str = "N"
+    view: str | None = None
     normal_space: Literal["world", "camera"] = "world"
 
 
@@ -177,6 +200,7 @@ class Shot(_Part):
     name: Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_plain_name)]
     frames: str
     plate: PlateInput
+    matte: MatteInput | None = None
     gbuffer: GBufferInput
     camera: str
     light: LightInput
@@ -201,8 +225,9 @@ class Job(_Part):
         shot: what the user wrote.
         root: absolute folder of the job file; relative paths start here.
         frames: frame numbers as delivered, ascending.
-        width: columns of every picture.
-        height: rows of every picture.
+        width: columns that are processed.
+        height: rows that are processed.
+        raster: windows and pixel aspect ratio of the plates; None: all pictures are as large as the camera's.
     """
 
     shot: Shot
@@ -210,6 +235,17 @@ class Job(_Part):
     frames: tuple[int, ...]
     width: int
     height: int
+    raster: Raster | None = None
+
+    @property
+    def window(self) -> Window:
+        """What is processed, counted from the corner of the display window."""
+        return Window(0, 0, self.width, self.height) if self.raster is None else self.raster.data
+
+    @property
+    def display_size(self) -> tuple[int, int]:
+        """Columns and rows of every picture's display window."""
+        return (self.width, self.height) if self.raster is None else self.raster.display.size
 
     def position(self, frame: int) -> int:
         """Index of a frame number in the sequence.

@@ -14,7 +14,6 @@ from yesnt.core.shot import Job
 from yesnt.decompose import blend
 from yesnt.decompose.blend import PatchGrid
 from yesnt.io.file_digests import file_digest
-from yesnt.io.jobfile import frame_path
 from yesnt.io.record_index import RecordIndex
 from yesnt.io.records import digest_of
 from yesnt.io.shot_inputs import read_matte
@@ -96,10 +95,11 @@ def _all_patches(session: Session, nodes: Sequence[Node], cut: tuple[int | None,
     """Node -> patches that see any matte. Counting decodes the plates, so a count is remembered by their digests."""
     job, facts = session.job, session.checks.facts
     code = [code_digest(), file_digest(Path(blend.__file__))]
-    form = {"patches": cut, "size": [job.width, job.height], "code": code}
+    plan = session.plan()
+    form = {"patches": cut, "window": str(job.window), "plate": plan.plate_settings, "code": code}
     found = {}
     for node in nodes:
-        plates = [session.resolved.digests[str(frame_path(job.root, job.shot.plate.path, f))] for f in node.frames]
+        plates = [plan.plate_inputs(frame) for frame in node.frames]
         found[node.id] = facts.fetch(digest_of({**form, "plates": plates}), partial(_patches, job, node, *cut))
     return found
 

@@ -17,7 +17,8 @@ version: 1
 name: {name}
 frames: 1001-1024                 # also 1001-1100x2 and lists with commas
 
-plate:   {{path: plate/plate.####.exr, colorspace: lin_rec709}}   # R G B A, associated alpha; srgb for PNG or JPEG
+plate:   {{path: plate/plate.####.exr, colorspace: lin_rec709}}   # docs/files.md: channels, alpha; srgb for PNG or JPEG
+# matte: {{path: matte/matte.####.png}}                            # coverage, if the plate has no alpha
 gbuffer: {{path: gbuffer/gbuffer.####.exr, z: depth.Z, normal: N, normal_space: world}}   # depth.Z and N.X N.Y N.Z
 camera:  camera.json              # width height fx fy cx cy, and world_from_camera of every frame
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 from yesnt.core.blocks import Chunks
 from yesnt.core.shot import Job
@@ -117,6 +118,19 @@ class ShotPlan:
     def inputs(self, frame: int, **patterns: str | None) -> dict[str, str]:
         """Digests of a frame's input files, by role; patterns that the job does not have are left out."""
         return {role: self._digest(pattern, frame) for role, pattern in patterns.items() if pattern is not None}
+
+    def plate_inputs(self, frame: int, prefix: str = "", suffix: str = "") -> dict[str, str]:
+        """Digests of the files that a frame's plate is read from, by role: the plate, and a matte of its own."""
+        shot = self.job.shot
+        found = self.inputs(frame, plate=shot.plate.path, matte=shot.matte.path if shot.matte else None)
+        return {f"{prefix}{role}{suffix}": digest for role, digest in found.items()}
+
+    @cached_property
+    def plate_settings(self) -> dict[str, dict[str, Any]]:
+        """Sections of settings that the reading of plates depends on, for the keys."""
+        shot = self.job.shot
+        matte = {"matte": changed_keys(shot.matte, {"path"})} if shot.matte else {}
+        return {"plate": changed_keys(shot.plate, {"path"}), **matte}
 
     def _digest(self, pattern: str, frame: int) -> str:
         by_frame = self._digests_of.setdefault(pattern, {})

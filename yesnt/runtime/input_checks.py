@@ -26,6 +26,7 @@ from yesnt.io.jobfile import frame_path, frames_on_disk, pass_patterns
 from yesnt.io.mesh import read_mesh
 from yesnt.io.output import OutputFolder
 from yesnt.io.pictures.image import read_header
+from yesnt.io.pictures.placed import check_fits
 from yesnt.io.records import digest_of
 from yesnt.runtime.preflight import READERS, Resolved
 
@@ -34,6 +35,8 @@ STORE_BYTES_PER_PIXEL = 80
 
 NEGATIVE = "plate: negative values that are read as 0"
 NO_DEPTH = "gbuffer: pixels inside the matte without depth"
+ALPHA_BEYOND = "plate: alpha outside 0 to 1 that is read as 0 or 1"
+NO_ALPHA = "plate: frames without alpha, and the job names no `matte:`, so that every pixel counts as the subject"
 
 
 class InputChecks:
@@ -62,7 +65,7 @@ class InputChecks:
         warnings = list(_extra_frames(job))
         for pattern in (job.shot.plate.path, job.shot.gbuffer.path):
             for frame in (frame for frame in job.frames if not self.facts.knows(self._frame_key(frame))):
-                shot_inputs.check_size(job, read_header(frame_path(job.root, pattern, frame)))
+                check_fits(job, read_header(frame_path(job.root, pattern, frame)))
         output = OutputFolder.of(job)
         output.check(len(job.frames) * job.width * job.height * STORE_BYTES_PER_PIXEL // 2)
         output.refuse_if_running()
@@ -108,7 +111,12 @@ class InputChecks:
         if job.shot.flow.path and frame != job.frames[-1]:
             shot_inputs.read_flow(job, frame)
         shot_inputs.read_background(job, frame)
-        counts = {NEGATIVE: plate.clamped, NO_DEPTH: int(((plate.matte > 0.5) & (surface.z == 0)).sum())}
+        counts = {
+            NEGATIVE: plate.clamped,
+            NO_DEPTH: int(((plate.matte > 0.5) & (surface.z == 0)).sum()),
+            ALPHA_BEYOND: plate.alpha_clamped,
+            NO_ALPHA: int(not plate.has_alpha),
+        }
         known = inside is not None and inside.size > 0
         span = [inside.min(axis=1).tolist(), inside.max(axis=1).tolist()] if known and inside is not None else None
         return {"counts": {what: count for what, count in counts.items() if count}, "range": span}
@@ -122,7 +130,8 @@ class InputChecks:
     def _depends(self, frame: int) -> dict[str, Any]:
         job, shot = self._job, self._job.shot
         patterns: dict[str, str | None] = {
-            "plate": shot.plate.path, "gbuffer": shot.gbuffer.path, "camera": shot.camera,
+            "plate": shot.plate.path, "matte": shot.matte.path if shot.matte else None,
+            "gbuffer": shot.gbuffer.path, "camera": shot.camera,
             "proxy": shot.proxy.path if shot.proxy else None,
             "background": shot.background.path if shot.background else None,
             "flow": shot.flow.path if frame != job.frames[-1] else None,
@@ -130,9 +139,9 @@ class InputChecks:
         patterns |= pass_patterns(shot.decompose.path) if shot.decompose.path else {}
         files = {role: self._digests[str(frame_path(job.root, p, frame))] for role, p in patterns.items() if p}
         return {
-            "check": "frame", "code": code_digest(), "files": files, "frame": frame, "size": [job.width, job.height],
-            "plate": shot.plate.colorspace, "background": shot.background.colorspace if shot.background else None,
-            "gbuffer": [shot.gbuffer.z, shot.gbuffer.normal, shot.gbuffer.normal_space],
+            "check": "frame", "code": code_digest(), "files": files, "frame": frame,
+            "window": str(job.window), "display": job.display_size,
+            "reads": [s.model_dump(mode="json") for s in (shot.plate, shot.matte, shot.background, shot.gbuffer) if s],
         }  # fmt: skip
 
     @cached_property

@@ -103,6 +103,8 @@ def _check_knobs(shot: Shot) -> None:
 
 def _sequences(shot: Shot) -> Iterable[str]:
     yield shot.plate.path
+    if shot.matte:
+        yield shot.matte.path
     yield shot.gbuffer.path
     if shot.proxy:
         yield shot.proxy.path

@@ -75,7 +75,7 @@ class TaskInputs:
         self._known: dict[tuple[str, int], str] = {}
 
     def digest(self, role: str, frame: int) -> str:
-        """The digest of the file that a role (`plate`, `gbuffer`, `camera`) has in a frame.
+        """The digest of the file that a role (`plate`, `matte`, `gbuffer`, `camera`) has in a frame.
 
         It is what the node's key, or a record that the key includes, says of the file; of another file it is computed.
         """
@@ -88,6 +88,7 @@ class TaskInputs:
         """The file of a role in a frame."""
         shot = self._job.shot
         patterns = {"plate": shot.plate.path, "gbuffer": shot.gbuffer.path, "camera": shot.camera}
+        patterns |= {"matte": shot.matte.path} if shot.matte else {}
         return frame_path(self._job.root, patterns[role], frame)
 
     def camera(self) -> Camera:
@@ -95,10 +96,17 @@ class TaskInputs:
         frame = self._node.frames[0]
         return _camera(self.path("camera", frame), self.digest("camera", frame))
 
-    def plate(self, frame: int, digest: str) -> shot_inputs.Plate:
-        """The plate of a frame, which has this digest."""
-        read = shot_inputs.read_plate
-        return read_checked(self.path("plate", frame), digest, lambda: read(self._job, frame))
+    def plate_digests(self, frame: int) -> dict[str, str]:
+        """Digests of the files that the plate of a frame is read from, by role."""
+        roles = ("plate", "matte") if self._job.shot.matte else ("plate",)
+        return {role: self.digest(role, frame) for role in roles}
+
+    def plate(self, frame: int) -> shot_inputs.Plate:
+        """The plate of a frame, with its matte; its files are those of `plate_digests`."""
+        found = shot_inputs.read_plate(self._job, frame)
+        for role, digest in self.plate_digests(frame).items():
+            prove_input(self.path(role, frame), digest)
+        return found
 
     def surface(self, frame: int, camera: Camera, digest: str) -> shot_inputs.Surface:
         """The G-buffer of a frame, which has this digest; normals in world space."""

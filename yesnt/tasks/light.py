@@ -120,7 +120,8 @@ class _Known:
         if isinstance(spec, CaptureInput) and spec.estimate:
             self._files |= {name: digests[name] for name in sorted(digests) if name.startswith("probe ")}
             self._files["camera"] = digests["camera"]
-            seen = (shot.plate.colorspace, shot.gbuffer)
+            sections = (shot.plate, shot.matte, shot.gbuffer)
+            seen = (*(part.model_dump_json() for part in sections if part), files.job.window, files.job.display_size)
         self._key = (spec, tuple(self._files.items()), seen)
 
     def __hash__(self) -> int:
@@ -144,6 +145,8 @@ def _map_paths(job: Job, frame: int) -> dict[str, Path]:
         paths["camera"] = frame_path(job.root, job.shot.camera, frame)
         for probe in job.probe_frames:
             paths[f"probe plate {probe}"] = frame_path(job.root, job.shot.plate.path, probe)
+            if job.shot.matte:
+                paths[f"probe matte {probe}"] = frame_path(job.root, job.shot.matte.path, probe)
             paths[f"probe gbuffer {probe}"] = frame_path(job.root, job.shot.gbuffer.path, probe)
     return paths
 

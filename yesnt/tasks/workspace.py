@@ -80,7 +80,7 @@ class Workspace(Generic[T_co]):
         with self.clock.reading_time():
             plate = decoded.FRAMES.fetch(
                 ("plate", *key),
-                lambda: self.inputs.plate(frame, key[0]),
+                lambda: self.inputs.plate(frame),
                 lambda plate: (plate.color, plate.matte),
             )
             decoded.MATTES.fetch(("matte", *key), lambda: _bits(plate), lambda bits: (bits,))
@@ -94,9 +94,16 @@ class Workspace(Generic[T_co]):
             size = self.job.height * self.job.width
             return np.unpackbits(bits, count=size).view(np.bool_).reshape(self.job.height, self.job.width)
 
-    def _plate_key(self, frame: int) -> tuple[str, str, int, int]:
-        """Digest of the plate's file, and what its decoding depends on besides."""
-        return self.inputs.digest("plate", frame), self.job.shot.plate.colorspace, self.job.width, self.job.height
+    def _plate_key(self, frame: int) -> tuple[str, ...]:
+        """Digests of the plate's files, and what their decoding depends on besides."""
+        return *self.inputs.plate_digests(frame).values(), self._plate_reading
+
+    @cached_property
+    def _plate_reading(self) -> str:
+        """What the decoding of a plate depends on besides its files: sections of the job, and its pixels."""
+        shot = self.job.shot
+        sections = (section.model_dump_json() for section in (shot.plate, shot.matte) if section is not None)
+        return f"{'; '.join(sections)}; {self.job.window}; {self.job.display_size}"
 
     def camera(self) -> Camera:
         """The shot's camera."""
@@ -108,7 +115,7 @@ class Workspace(Generic[T_co]):
         digest, seen_by = self.inputs.digest("gbuffer", frame), self.inputs.digest("camera", frame)
         with self.clock.reading_time():
             return decoded.FRAMES.fetch(
-                ("surface", digest, seen_by, self.job.shot.gbuffer, frame, self.job.width, self.job.height),
+                ("surface", digest, seen_by, self.job.shot.gbuffer, frame, self.job.window, self.job.display_size),
                 lambda: self.inputs.surface(frame, camera, digest),
                 lambda surface: (surface.normal, surface.z),
             )

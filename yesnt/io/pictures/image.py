@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,38 +12,81 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.core.errors import JobError
+from yesnt.core.windows import Window
 from yesnt.io.exr import read_planes
 
 MAX_SIDE = 32768
 """Largest width or height that is read: above any camera's, and a header that claims more is a trap."""
 
-MAX_CHANNELS = 128
-"""Most channels that one image may have."""
+MAX_CHANNELS = 4096
+"""Most channels of one part; renderers write hundreds, and only those that are asked for are decoded."""
+
+MAX_PARTS = 1024
+"""Most parts of one file."""
+
+FEW = 4
+"""One in so many of a plain EXR's channels: for fewer, OpenImageIO, which reads a range of channels, is faster."""
 
 _PLAIN = {"half", "float"}
 
-Planes = Mapping[str, NDArray[np.float32]]
+F32 = NDArray[np.float32]
+Planes = Mapping[str, F32]
 
 
 @dataclass(frozen=True)
 class ImageHeader:
-    """What a file says of its picture, read without its pixels."""
+    """What a file says of a picture, read without its pixels: of one part, where it has several.
+
+    Attributes:
+        path: of the file.
+        width: columns that are stored.
+        height: rows that are stored.
+        channels: names as stored.
+        attributes: the others by name, as OpenImageIO gives them.
+        kinds: pixel type of each channel (half, float, uint, uint8, ...).
+        format: OpenImageIO's name of the file's format, such as `openexr` or `png`.
+        part: number of the part.
+        parts: how many the file has.
+        data: window of the stored pixels.
+        display: window of the picture that is meant.
+        deep: a pixel holds any number of samples.
+        tiled: stored in tiles.
+    """
 
     path: str
     width: int
     height: int
     channels: tuple[str, ...]
     attributes: Mapping[str, Any]
+    kinds: tuple[str, ...]
+    format: str
+    part: int
+    parts: int
+    data: Window
+    display: Window
+    deep: bool
+    tiled: bool
+
+    @property
+    def name(self) -> str:
+        """Name of the part; "" in a file of a single part."""
+        return str(self.attributes.get("oiio:subimagename", "")) if self.parts > 1 else ""
+
+    @property
+    def plain(self) -> bool:
+        """Whether it is what nearly every renderer writes: one part of half or float scan lines."""
+        flat = not (self.deep or self.tiled) and self.parts == 1
+        return self.format == "openexr" and flat and set(self.kinds) <= _PLAIN
 
 
 @dataclass(frozen=True)
 class ExrImage:
-    """A picture: planes `[H, W]` float32 by channel name, and the header's attributes."""
+    """A picture: planes `[H, W]` float32 by channel name, and the header."""
 
-    channels: Mapping[str, NDArray[np.float32]]
+    channels: Planes
     header: ImageHeader
 
-    def stack(self, names: Sequence[str]) -> NDArray[np.float32]:
+    def stack(self, names: Sequence[str]) -> F32:
         """The named channels as `[H, W, C]`.
 
         Raises:
@@ -60,44 +104,110 @@ class ExrImage:
 
 
 def read_header(path: str | Path) -> ImageHeader:
-    """Reads a header; refuses pictures whose claimed size is absurd before any memory is taken.
+    """The header of the first part.
+
+    Raises:
+        JobError: as `read_headers`.
+    """
+    return read_headers(path)[0]
+
+
+def read_headers(path: str | Path) -> tuple[ImageHeader, ...]:
+    """The headers of all parts; refuses pictures whose claimed size is absurd before any memory is taken.
 
     Raises:
         JobError: the file is missing, is not an image, or claims more than `MAX_SIDE` or `MAX_CHANNELS`.
     """
-    source = _open(path)
-    try:
-        return _header(source, path)
-    finally:
-        source.close()
+    with _opened(path) as source:
+        return tuple(_headers(source, path))
 
 
 def read_image(path: str | Path) -> ExrImage:
-    """Reads every channel of the first part as float32, values as stored (no colour conversion).
+    """Every channel of the first part as float32, values as stored (no colour conversion).
 
     Raises:
-        JobError: as `read_header`, or the pixels are truncated or damaged.
+        JobError: as `read_headers` and `read_channels`.
     """
-    source = _open(path)
+    header = read_header(path)
+    return ExrImage(read_channels(header, header.channels), header)
+
+
+def read_channels(header: ImageHeader, names: Sequence[str]) -> dict[str, F32]:
+    """Some channels of a part, each `[H, W]` float32 with the values as stored; integers of EXR are not scaled.
+
+    Raises:
+        JobError: the part is deep, or its pixels are missing, truncated or damaged.
+    """
+    if header.deep:
+        raise JobError(
+            f"The picture{_of_part(header)} is deep: a pixel holds many samples", header.path, "a flat picture",
+            "flatten it, in Nuke with DeepToImage, or render it flat",
+        )  # fmt: skip
+    planes = None
+    if header.plain and len(names) * FEW >= len(header.channels):
+        planes = _scanlines(header, names)
+    return _any_pixels(header, names) if planes is None else planes
+
+
+def _scanlines(header: ImageHeader, names: Sequence[str]) -> dict[str, F32] | None:
+    """Channels of a plain EXR by the OpenEXR package; None if it cannot: then OpenImageIO says why."""
     try:
-        header = _header(source, path)
-        plain = _is_plain_exr(source)
-        planes, problem = (_scanlines(path, header), "") if plain else (None, "")
-        if planes is None:
-            planes, problem = _any_pixels(source, header)
-    finally:
-        source.close()
-    if planes is None or problem:
+        planes = read_planes(header.path)
+    except (RuntimeError, ValueError):
+        return None
+    if any(name not in planes or planes[name].shape != (header.height, header.width) for name in names):
+        return None
+    return {name: np.asarray(planes[name], np.float32) for name in names}
+
+
+def _any_pixels(header: ImageHeader, names: Sequence[str]) -> dict[str, F32]:
+    """Channels of any picture by OpenImageIO, neighbours of one type together."""
+    planes: dict[str, F32] = {}
+    with _opened(header.path) as source:
+        for first, last in _runs(header, sorted({header.channels.index(name) for name in names})):
+            pixels = _range(source, header, first, last)
+            for index in range(first, last):
+                planes[header.channels[index]] = np.ascontiguousarray(pixels[..., index - first])
+    return {name: planes[name] for name in names}
+
+
+def _runs(header: ImageHeader, indices: Sequence[int]) -> Iterator[tuple[int, int]]:
+    """Channels as ranges of neighbours that have one pixel type."""
+    first = indices[0]
+    for now, following in zip(indices, [*indices[1:], None], strict=True):
+        if following != now + 1 or header.kinds[following] != header.kinds[now]:
+            yield first, now + 1
+            first = following if following is not None else first
+
+
+def _range(source: Any, header: ImageHeader, first: int, last: int) -> F32:
+    """Neighbouring channels [H, W, C]; refused unless every pixel was read.
+
+    Raises:
+        JobError: OpenImageIO reports missing or damaged pixels. What it would return then is uninitialised.
+    """
+    import OpenImageIO as oiio
+
+    integers = header.format == "openexr" and header.kinds[first] == "uint"  # else scaled by 2^-32
+    pixels = source.read_image(header.part, 0, first, last, oiio.UINT if integers else oiio.FLOAT)
+    problem: str = source.geterror().strip()
+    if pixels is None or problem:
         raise JobError(
             f"The image is damaged or cut short ({problem.splitlines()[0] if problem else 'no pixels'})",
-            str(path),
+            header.path,
             f"{header.width}x{header.height} pixels, {len(header.channels)} channels",
             "copy or export this file again",
         )
-    return ExrImage(planes, header)
+    return np.asarray(pixels, dtype=np.float32).reshape(header.height, header.width, last - first)
 
 
-def _open(path: str | Path) -> Any:
+@contextmanager
+def _opened(path: str | Path) -> Iterator[Any]:
+    """An OpenImageIO reader that leaves alpha as it is stored.
+
+    Raises:
+        JobError: the file is missing or cannot be opened.
+    """
     import OpenImageIO as oiio
 
     if not Path(path).is_file():
@@ -106,51 +216,51 @@ def _open(path: str | Path) -> Any:
     straight.attribute("oiio:UnassociatedAlpha", 1)  # PNG keeps the alpha it was written with
     source = oiio.ImageInput.open(str(path), straight)
     if source is None:
-        problem = (oiio.geterror() or "unknown format").splitlines()[0]
-        raise JobError(f"The image cannot be opened ({problem})", str(path), "an EXR, PNG or JPEG", "export it again")
-    return source
-
-
-def _is_plain_exr(source: Any) -> bool:
-    """Whether it is what nearly every renderer writes: one part of half or float channels, neither deep nor tiled."""
-    spec = source.spec()
-    kinds = {str(kind) for kind in (spec.channelformats or (spec.format,))}
-    single = spec.get_int_attribute("oiio:subimages", 1) == 1
-    return source.format_name() == "openexr" and single and not spec.deep and not spec.tile_width and kinds <= _PLAIN
-
-
-def _scanlines(path: str | Path, header: ImageHeader) -> Planes | None:
-    """The planes of a plain EXR by the OpenEXR package; None if it cannot: then the slow way says why."""
+        raise _cannot_open(str(path), oiio.geterror())
     try:
-        planes = read_planes(path)
-    except (RuntimeError, ValueError):  # damaged: OpenImageIO says where
-        return None
-    shape = header.height, header.width
-    if any(name not in planes or planes[name].shape != shape for name in header.channels):
-        return None  # subsampled chroma
-    return {name: np.asarray(planes[name], np.float32) for name in header.channels}
+        yield source
+    finally:
+        source.close()
 
 
-def _any_pixels(source: Any, header: ImageHeader) -> tuple[Planes | None, str]:
-    """The planes of any image, and OpenImageIO's error message."""
-    import OpenImageIO as oiio
-
-    pixels = source.read_image(oiio.FLOAT)
-    problem: str = source.geterror()
-    if pixels is None:
-        return None, problem
-    whole = np.asarray(pixels, dtype=np.float32).reshape(header.height, header.width, len(header.channels))
-    return {n: np.ascontiguousarray(whole[..., i]) for i, n in enumerate(header.channels)}, problem
+def _cannot_open(path: str, problem: str) -> JobError:
+    first = (problem or "unknown format").strip().splitlines()[0]
+    if "Subsampled" in first:
+        return JobError(
+            f"The image has channels of lower resolution, as luminance-chroma EXRs have ({first.rstrip('.')})", path,
+            "channels of full resolution", "export it as RGB",
+        )  # fmt: skip
+    return JobError(f"The image cannot be opened ({first})", path, "an EXR, PNG, TIFF, JPEG or DPX", "export it again")
 
 
-def _header(source: Any, path: str | Path) -> ImageHeader:
+def _headers(source: Any, path: str | Path) -> Iterator[ImageHeader]:
+    parts = max(1, source.spec().get_int_attribute("oiio:subimages", 1))
+    if parts > MAX_PARTS:
+        raise _absurd(path, f"{parts} parts", f"at most {MAX_PARTS}")
+    for part in range(parts):
+        if not source.seek_subimage(part, 0):
+            raise _cannot_open(str(path), source.geterror())
+        yield _header(source, path, part, parts)
+
+
+def _header(source: Any, path: str | Path, part: int, parts: int) -> ImageHeader:
     spec = source.spec()
     if not (0 < spec.width <= MAX_SIDE and 0 < spec.height <= MAX_SIDE and 0 < spec.nchannels <= MAX_CHANNELS):
-        raise JobError(
-            f"The header claims {spec.width}x{spec.height} pixels and {spec.nchannels} channels",
-            str(path),
-            f"at most {MAX_SIDE}x{MAX_SIDE} and {MAX_CHANNELS} channels",
-            "this file is damaged or hostile: export it again",
-        )
-    attributes = {attribute.name: attribute.value for attribute in spec.extra_attribs}
-    return ImageHeader(str(path), spec.width, spec.height, tuple(spec.channelnames), attributes)
+        claimed = f"{spec.width}x{spec.height} pixels and {spec.nchannels} channels"
+        raise _absurd(path, claimed, f"at most {MAX_SIDE}x{MAX_SIDE} and {MAX_CHANNELS} channels")
+    names = tuple(spec.channelnames)
+    kinds = tuple(str(kind) for kind in spec.channelformats) or (str(spec.format),) * len(names)
+    return ImageHeader(
+        str(path), spec.width, spec.height, names, {a.name: a.value for a in spec.extra_attribs}, kinds,
+        source.format_name(), part, parts, Window(spec.x, spec.y, spec.width, spec.height),
+        Window(spec.full_x, spec.full_y, spec.full_width, spec.full_height), bool(spec.deep), spec.tile_width > 0,
+    )  # fmt: skip
+
+
+def _absurd(path: str | Path, claimed: str, most: str) -> JobError:
+    return JobError(f"The header claims {claimed}", str(path), most, "this file is damaged or hostile: export it again")
+
+
+def _of_part(header: ImageHeader) -> str:
+    """How a message names a part."""
+    return f" in part {header.name or header.part + 1}" if header.parts > 1 else ""

@@ -266,7 +266,9 @@ class EvalPlan:
         shot, found = job.shot, {}
         patterns = [shot.plate.path, shot.gbuffer.path, shot.camera]
         patterns += [
-            part.path for part in (shot.proxy, shot.capture_light) if part is not None and part.path is not None
+            part.path
+            for part in (shot.matte, shot.proxy, shot.capture_light)
+            if part is not None and part.path is not None
         ]
         probes = job.probe_frames if shot.capture_light is not None and shot.capture_light.estimate else ()
         for frame in dict.fromkeys((*frames, *probes)):

@@ -167,7 +167,7 @@ def _session(home: Path, document: Mapping[str, Any]) -> Session:
 def _absolute(shot: Shot, subject: Subject, options: EvalOptions) -> dict[str, Any]:
     """The shot as a document whose paths are absolute and whose output is the evaluation's."""
     changes: dict[str, Any] = {"output": "out", "camera": str(subject.folder / shot.camera)}
-    for name in ("plate", "gbuffer", "light", "capture_light", "background", "proxy", "decompose", "flow"):
+    for name in ("plate", "matte", "gbuffer", "light", "capture_light", "background", "proxy", "decompose", "flow"):
         part = getattr(shot, name)
         if part is not None and part.path is not None:
             changes[name] = part.model_copy(update={"path": str(subject.folder / part.path)})

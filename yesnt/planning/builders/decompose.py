@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import Any
 
 from yesnt.core.stage_id import StageId
 from yesnt.decompose.settings import REUSE_ONLY
@@ -13,7 +12,7 @@ from yesnt.io.records import SharedSettings
 from yesnt.planning import settings as of
 from yesnt.planning.builders.assemble import frame_keys, frame_node, node_fields, node_keys
 from yesnt.planning.graph import Graph, Node
-from yesnt.planning.keyed_settings import changed_fields, changed_keys, shared
+from yesnt.planning.keyed_settings import changed_fields, shared
 from yesnt.planning.shot_plan import ShotPlan
 from yesnt.planning.stages import DECOMPOSE, FLOW
 from yesnt.planning.task_records import BlendWindowsTask, DecomposeTask, ReadPassesTask, TaskRecord, WindowTask
@@ -29,7 +28,7 @@ def window_nodes(plan: ShotPlan) -> Iterator[Node]:
 def _window_node(plan: ShotPlan, window: Window, settings: SharedSettings) -> Node:
     stage = StageId("window", lane=window.lane)
     frames = tuple(plan.job.frames[p] for p in window.span)
-    inputs = {f"plate {frame}": plan.inputs(frame, plate=plan.job.shot.plate.path)["plate"] for frame in frames}
+    inputs = {role: d for frame in frames for role, d in plan.plate_inputs(frame, suffix=f" {frame}").items()}
     fields = node_fields(plan, stage, settings, inputs=inputs, frames=list(frames))
     assert plan.backend is not None
     return Node(stage, window.index, frames, fields, task=WindowTask(plan.backend.weights), transient=True)
@@ -83,11 +82,11 @@ def _blended_node(plan: ShotPlan, graph: Graph, frame: int, covering: list[Windo
 def _inputs(plan: ShotPlan, frame: int) -> dict[str, str]:
     shot = plan.job.shot
     passes = pass_patterns(shot.decompose.path) if shot.decompose.path else {}
-    return plan.inputs(frame, plate=shot.plate.path, **passes)
+    return plan.plate_inputs(frame) | plan.inputs(frame, **passes)
 
 
 def _passes(plan: ShotPlan) -> SharedSettings:
-    return shared(passes="made before", plate=_plate(plan))
+    return shared(passes="made before", **plan.plate_settings)
 
 
 def _sampling(plan: ShotPlan) -> SharedSettings:
@@ -98,9 +97,5 @@ def _sampling(plan: ShotPlan) -> SharedSettings:
         backend=changed_fields(plan.backend),
         ensemble={name: value for name, value in ensemble.items() if name not in REUSE_ONLY},
         seed=plan.job.shot.seed or None,
-        plate=_plate(plan),
+        **plan.plate_settings,
     )
-
-
-def _plate(plan: ShotPlan) -> dict[str, Any]:
-    return changed_keys(plan.job.shot.plate, {"path"})

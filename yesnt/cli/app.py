@@ -270,7 +270,8 @@ def _print_result(session: object, warnings: list[str], missing: list[dict[str, 
 
     output = session.output
     print(f"EXR sequence: {output.exr}")
-    print(f"Preview:      {output.run / 'preview.mp4'} and contact_sheet.png")
+    if (output.run / "preview.mp4").exists():
+        print(f"Preview:      {output.run / 'preview.mp4'} and contact_sheet.png")
     print(f"Report:       {write_report(session)}")
     if missing:
         print("Some frames are missing; `yesnt retry SHOT` tries them again.")

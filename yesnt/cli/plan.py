@@ -36,5 +36,7 @@ def print_plan(found: Forecast) -> None:
         print(f"Modelled: {line}.")
     for line in found.left_out:
         print(f"Left out: {line}.")
+    for line in found.notes:
+        print(f"Inputs: {line}.")
     for line in found.warnings:
         print(f"Warning: {line}")

@@ -23,6 +23,7 @@ class Channel:
         high: largest legal value (None: unbounded).
         exr: EXR channel names, one per component; empty if it is not delivered.
         exr_pixel: EXR pixel type.
+        associated: delivered multiplied by coverage; all other layers are not.
     """
 
     name: str
@@ -34,6 +35,17 @@ class Channel:
     high: float | None
     exr: tuple[str, ...] = ()
     exr_pixel: Pixel = "half"
+    associated: bool = False
+
+    @property
+    def colored(self) -> bool:
+        """Whether its first three planes are R, G, B: they are delivered in the job's output space."""
+        return [name[-1:] for name in self.exr[:3]] == ["R", "G", "B"]
+
+    @property
+    def layer(self) -> str:
+        """Its layer in the EXR; "RGBA" for the unnamed one."""
+        return self.exr[0].rpartition(".")[0] or "RGBA"
 
 
 def _rgb(layer: str) -> tuple[str, ...]:
@@ -49,14 +61,13 @@ _ALL = (
     Channel("flow", 2, "float32", "pixels", "(dx, dy), t -> t+1", None, None),
     Channel("validity", 1, "float32", "1", "", 0.0, 1.0),
     Channel("material", 2, "float32", "1", "roughness, metallic", 0.0, 1.0, ("roughness.Y", "metallic.Y")),
-    Channel("base_color", 3, "float32", "1", "lin_rec709", 0.0, 1.0, _rgb("base_color")),
-    Channel("diffuse", 3, "float32", "radiance", "lin_rec709", 0.0, None, _rgb("diffuse")),
-    Channel("specular", 3, "float32", "radiance", "lin_rec709", 0.0, None, _rgb("specular")),
+    Channel("base_color", 3, "float32", "1", "working space", 0.0, 1.0, _rgb("base_color")),
+    Channel("diffuse", 3, "float32", "radiance", "working space", 0.0, None, _rgb("diffuse"), associated=True),
+    Channel("specular", 3, "float32", "radiance", "working space", 0.0, None, _rgb("specular"), associated=True),
     Channel("shadow", 1, "float32", "1", "", 0.0, 1.0, ("shadow.Y",)),
-    Channel("composite", 4, "float32", "radiance", "lin_rec709, associated alpha", 0.0, None,
-            ("R", "G", "B", "A")),
-    Channel("relit", 4, "float32", "radiance", "lin_rec709, associated alpha", 0.0, None,
-            ("relit.R", "relit.G", "relit.B", "relit.A")),
+    Channel("composite", 4, "float32", "radiance", "working space", 0.0, None, ("R", "G", "B", "A"), associated=True),
+    Channel("relit", 4, "float32", "radiance", "working space", 0.0, None,
+            ("relit.R", "relit.G", "relit.B", "relit.A"), associated=True),
     Channel("normal", 3, "float32", "1", "world", -1.0, 1.0, ("N.X", "N.Y", "N.Z")),
     Channel("z", 1, "float32", "m", "camera +z", 0.0, None, ("depth.Z",), "float"),
 )  # fmt: skip

@@ -10,9 +10,6 @@ FloatArray = NDArray[np.floating]
 LUMINANCE_REC709 = (0.2126, 0.7152, 0.0722)
 """Weights of linear R, G, B in luminance (ITU-R BT.709)."""
 
-CHROMATICITIES_REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
-"""Red, green, blue and white x, y as EXR's `chromaticities` attribute wants them."""
-
 
 def srgb_encode(linear: FloatArray) -> FloatArray:
     """Linear [0, 1] to sRGB code values (IEC 61966-2-1); input is clipped to [0, 1]."""

@@ -8,10 +8,13 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
+from yesnt.core.color_spaces import LIN_REC709, WORKING, JobColors
 from yesnt.core.keyframes import Numbers, number_at, numbers_at
 from yesnt.core.windows import Raster, Window
 
-Colorspace = Literal["lin_rec709", "srgb"]
+Colorspace = Annotated[str, Field(min_length=1, max_length=200)]
+"""A space of the OpenColorIO configuration by name or role; `lin_rec709`, `acescg` and `srgb` need none."""
+
 Quality = Literal["draft", "standard", "final", "reference"]
 Knob = bool | int | float | str
 
@@ -38,7 +41,7 @@ class PlateInput(_Part):
     """
 
     path: str
-    colorspace: Colorspace = "lin_rec709"
+    colorspace: Colorspace = LIN_REC709
     layer: str | None = None
     channels: dict[Literal["R", "G", "B", "A"], str] = Field(default_factory=dict)
     view: str | None = None
@@ -87,7 +90,8 @@ class _Map(_Part):
     """How a lat-long map stands in the world; a path with a frame number names one map a frame.
 
     `rotation` is in degrees (yaw about +Z first), `exposure` in stops; both may be given by frame (core/keyframes.py).
-    `clamp` is the largest radiance that is kept, in the map's own units. A map that was captured at `captured_at`
+    `clamp` is the largest radiance that is kept, in the map's own units, and what infinite radiance becomes. Without
+    `colorspace` the map is in the space that its files state. A map that was captured at `captured_at`
     (world metres), with what it shows `distance` metres away, is shown to the actor and to the camera as it looks from
     where they are.
     """
@@ -96,6 +100,7 @@ class _Map(_Part):
     rotation: Points = (0.0, 0.0, 0.0)
     exposure: Exposure = 0.0
     clamp: Annotated[float, Field(gt=0)] | None = None
+    colorspace: Colorspace = LIN_REC709
     captured_at: Point | None = None
     distance: Annotated[float, Field(gt=0)] | None = None
 
@@ -136,6 +141,8 @@ class CaptureInput(_Map):
     def _one_way(self) -> Self:
         if self.estimate == (self.path is not None):
             raise ValueError("it needs a path or the word `estimate`, and not both")
+        if self.estimate and "colorspace" in self.model_fields_set:
+            raise ValueError("an estimate is made from the plate and has no `colorspace` of its own")
         return self
 
 
@@ -186,6 +193,26 @@ class TemporalInput(_Part):
     knobs: dict[str, Knob] = Field(default_factory=dict)
 
 
+def _working_space(name: str) -> str:
+    if name.casefold() not in WORKING:
+        raise ValueError(f"the working space is one of {', '.join(WORKING)}")
+    return name.casefold()
+
+
+class ColorInput(_Part):
+    """OpenColorIO's configuration, and the spaces of the work, the delivered EXRs and the preview.
+
+    `config` is a path, a name such as `ocio://default`, or `$OCIO`: that of the environment, else the built-in ACES
+    configuration. Light is computed in `working`; the decomposition always receives linear Rec.709. `view` is a view of
+    the configuration's default display; without it the preview shows sRGB as it is.
+    """
+
+    config: str = "$OCIO"
+    working: Annotated[str, AfterValidator(_working_space)] = LIN_REC709
+    output: Colorspace = LIN_REC709
+    view: str | None = None
+
+
 class ExrOutput(_Part):
     """How the EXR sequence is written; `layers` are delivered beside those that every file holds."""
 
@@ -212,8 +239,8 @@ class Shot(_Part):
     temporal: TemporalInput = TemporalInput()
     relight: dict[str, Knob] = Field(default_factory=dict)
     exr: ExrOutput = ExrOutput()
+    color: ColorInput = ColorInput()
     quality: Quality = "standard"
-    extra_frames: Literal["refuse", "ignore"] = "refuse"
     seed: Annotated[int, Field(ge=0, lt=2**64)] = 0
     output: str = "out"
 
@@ -228,6 +255,7 @@ class Job(_Part):
         width: columns that are processed.
         height: rows that are processed.
         raster: windows and pixel aspect ratio of the plates; None: all pictures are as large as the camera's.
+        colors: how colours are converted on the way in and out.
     """
 
     shot: Shot
@@ -236,6 +264,7 @@ class Job(_Part):
     width: int
     height: int
     raster: Raster | None = None
+    colors: JobColors = JobColors()
 
     @property
     def window(self) -> Window:

@@ -20,6 +20,7 @@ from yesnt.planning.chunks import ROUND
 from yesnt.planning.graph import Graph, Node
 from yesnt.planning.stages import STAGES
 from yesnt.planning.task_records import held_frames
+from yesnt.runtime.input_checks import handles
 from yesnt.runtime.session import Session
 from yesnt.tasks.light import frame_map
 
@@ -66,6 +67,7 @@ class Forecast:
         left_out: what the scene lets the run skip, and why.
         modelled: what relighting computes, and why.
         warnings: odd inputs.
+        notes: what the user may want to know of the inputs.
     """
 
     stages: tuple[StageForecast, ...]
@@ -77,6 +79,7 @@ class Forecast:
     left_out: tuple[str, ...]
     modelled: tuple[str, ...]
     warnings: tuple[str, ...]
+    notes: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """A plain document."""
@@ -102,7 +105,7 @@ def forecast(session: Session) -> Forecast:
     index.save()
     chunks, left_out = plan.chunks, tuple(_left_out(session, terms))
     cut = len(plan.exchange.blocks), chunks.halo, plan.exchange.sweeps, len(chunks.bands)
-    return Forecast(rows, spent, *cut, left_out, modelled, tuple(warnings))
+    return Forecast(rows, spent, *cut, left_out, modelled, tuple(warnings), tuple(handles(session.job)))
 
 
 class _Progress:

@@ -17,6 +17,11 @@ from yesnt.core.shot import Shot
 MAX_JOB_BYTES = 1 << 20
 MAX_FRAMES = 1_000_000
 _TOO_MANY = f"more than {MAX_FRAMES:,} frames, the most that a shot may have"
+REMOVED = {
+    "extra_frames": ("nothing: files outside `frames:` (handles) are normal; `plan` counts them", "remove the line"),
+}
+"""Keys of former versions: what takes their place, and what to do."""
+
 MAX_QUOTED = 80
 """Characters of a wrong frame range that a message quotes."""
 
@@ -166,6 +171,8 @@ def _job_error(path: Path, node: Any, error: ValidationError) -> JobError:
     line = _line(node, location)
     key = ".".join(str(part) for part in location) or "the whole file"
     kind = problem["type"]
+    if kind == "extra_forbidden" and key in REMOVED:
+        return JobError(f"The key {key!r} is no longer used", f"{path}, line {line}", *REMOVED[key])
     if kind == "extra_forbidden":
         return JobError(
             f"Unknown key {key!r}", f"{path}, line {line}", "a key of the job file", "check its spelling or remove it"

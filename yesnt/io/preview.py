@@ -6,7 +6,7 @@ them again.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -18,14 +18,24 @@ from yesnt.core.color import srgb_encode
 from yesnt.io.durable import durable_path
 from yesnt.io.exr import read_planes
 
+Display = Callable[[NDArray[np.float32]], NDArray[np.floating]]
+
 FRAMES_PER_SECOND = 24
 SEGMENT_FRAMES = 24
 """Frames of a video segment, one second; also the distance of the video's key frames."""
 
+LEAST_SIDE = 2
+"""Columns and rows of the smallest picture that 4:2:0 can hold."""
+
 SHEET_COLUMNS, SHEET_CELLS, SHEET_CELL_WIDTH = 8, 16, 192
 
 
-def write_segment(exrs: Sequence[Path], video: Path, strip: Path) -> None:
+def has_video(width: int, height: int) -> bool:
+    """Whether pictures of this size can be coded: 4:2:0 needs two columns and two rows."""
+    return min(width, height) >= LEAST_SIDE
+
+
+def write_segment(exrs: Sequence[Path], video: Path, strip: Path, show: Display = srgb_encode) -> None:
     """Encodes the composites of some frames as a video, and writes them side by side, reduced, as a PNG strip.
 
     One frame is in memory at a time.
@@ -34,12 +44,13 @@ def write_segment(exrs: Sequence[Path], video: Path, strip: Path) -> None:
         exrs: delivered EXRs in order.
         video: the mp4 to write.
         strip: the PNG to write, one cell of `SHEET_CELL_WIDTH` pixels a frame.
+        show: delivered colour [H, W, 3] to code values of an sRGB display in [0, 1].
     """
     cells: list[NDArray[np.uint8]] = []
     with _video(video) as container:
         stream = None
         for path in exrs:
-            picture = _display(path)
+            picture = _display(path, show)
             if stream is None:
                 stream = _coded_stream(container, picture)
             _mux(container, stream, picture)
@@ -89,16 +100,35 @@ def _coded_stream(container: Any, picture: NDArray[np.uint8]) -> Any:
     stream = container.add_stream("libx264", rate=FRAMES_PER_SECOND)
     stream.height, stream.width = picture.shape[:2]
     stream.pix_fmt = "yuv420p"
+    _tag(stream.codec_context)
     # With x264's macroblock tree, bytes differ from run to run where vectors are wide: 1 video in 3 under load.
     stream.options = {"crf": "18", "threads": "1", "x264-params": "threads=1:no-mbtree=1"}
     stream.codec_context.flags |= av.codec.context.Flags.bitexact
     return stream
 
 
-def _mux(container: Any, stream: Any, picture: NDArray[np.uint8]) -> None:
-    import av
+def _tag(coded: Any) -> None:
+    """Says what the numbers mean, for players: matrix and primaries of BT.709, limited range, and the sRGB curve.
 
-    container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+    A video without tags is decoded by BT.601 or BT.709 as its height suggests, which changes saturated colours.
+    """
+    from av.video.reformatter import ColorPrimaries, ColorRange, Colorspace, ColorTrc
+
+    coded.colorspace, coded.color_primaries = Colorspace.ITU709, ColorPrimaries.BT709
+    coded.color_trc, coded.color_range = ColorTrc.IEC61966_2_1, ColorRange.MPEG
+
+
+def _mux(container: Any, stream: Any, picture: NDArray[np.uint8]) -> None:
+    """Encodes a picture; FFmpeg's own conversion would take the matrix of BT.601."""
+    import av
+    from av.video.reformatter import ColorRange, Colorspace
+
+    frame = av.VideoFrame.from_ndarray(picture, format="rgb24").reformat(
+        format="yuv420p",
+        src_colorspace=Colorspace.ITU709, dst_colorspace=Colorspace.ITU709,
+        src_color_range=ColorRange.JPEG, dst_color_range=ColorRange.MPEG,
+    )  # fmt: skip
+    container.mux(stream.encode(frame))
 
 
 def _shift(packet: Any, frames: int) -> None:
@@ -108,11 +138,11 @@ def _shift(packet: Any, frames: int) -> None:
     packet.dts += ticks
 
 
-def _display(path: Path) -> NDArray[np.uint8]:
-    """The composite as sRGB bytes, cropped to even sides (4:2:0 needs them)."""
+def _display(path: Path, show: Display) -> NDArray[np.uint8]:
+    """The composite as display code values, cropped to even sides (4:2:0 needs them)."""
     planes = read_planes(path)
     color = np.stack([planes[name] for name in "RGB"], axis=-1).astype(np.float32)
-    picture = (srgb_encode(color) * 255 + 0.5).astype(np.uint8)
+    picture = (np.clip(show(color), 0, 1) * 255 + 0.5).astype(np.uint8)
     height, width = picture.shape[0] // 2 * 2, picture.shape[1] // 2 * 2
     return np.ascontiguousarray(picture[: max(height, 1), : max(width, 1)])
 
@@ -154,9 +184,9 @@ def _write_png(path: Path, picture: NDArray[np.uint8]) -> None:
         temporary.write_bytes(data.tobytes())
 
 
-def thumbnail(exr: Path) -> bytes:
-    """The composite of a delivered EXR as a small JPEG, for pages that show a run's progress."""
+def thumbnail(exr: Path, show: Display = srgb_encode) -> bytes:
+    """The composite of a delivered EXR as a small JPEG, for pages that show a run's progress; see `write_segment`."""
     import cv2
 
-    _, data = cv2.imencode(".jpg", _shrink(_display(exr))[..., ::-1])
+    _, data = cv2.imencode(".jpg", _shrink(_display(exr, show))[..., ::-1])
     return bytes(data)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.core.camera import Camera
 from yesnt.core.color import straighten
+from yesnt.core.color_spaces import Conversion
 from yesnt.core.errors import JobError
 from yesnt.core.shot import Job, MatteInput, PlateInput
 from yesnt.io.jobfile import frame_path, pass_patterns
@@ -24,16 +26,23 @@ from yesnt.io.pictures.surface import planar_z, world_normals
 MATERIALS = ("roughness", "metallic")
 
 
+AS_IT_IS = Conversion()
+"""Linear Rec.709 that stays it."""
+
+
 @dataclass(frozen=True)
 class Plate:
     """One captured picture.
 
     Attributes:
-        color: [H, W, 3] straight, linear Rec.709, >= 0; 0 where the matte is 0.
+        color: [H, W, 3] straight, linear Rec.709 or in the working space, >= 0; 0 where the matte is 0.
         matte: [H, W] coverage in [0, 1].
         clamped: how many negative values were set to 0.
         alpha_clamped: how many values of the matte were outside [0, 1] and set to its ends.
         has_alpha: whether the coverage was in a file; else every pixel counts as covered.
+        uncovered: [H, W, 3] colour that premultiplied pictures have where they cover nothing (flames, reflections), 0
+            elsewhere; None: they have none.
+        not_finite: how many pixels outside the matte were NaN or infinite and set to 0.
     """
 
     color: NDArray[np.float32]
@@ -41,6 +50,13 @@ class Plate:
     clamped: int = 0
     alpha_clamped: int = 0
     has_alpha: bool = True
+    uncovered: NDArray[np.float32] | None = None
+    not_finite: int = 0
+
+    @property
+    def arrays(self) -> tuple[NDArray[np.float32], ...]:
+        """All its arrays."""
+        return (self.color, self.matte) if self.uncovered is None else (self.color, self.matte, self.uncovered)
 
 
 @dataclass(frozen=True)
@@ -56,9 +72,24 @@ class Surface:
     z: NDArray[np.float32]
 
 
-def read_plate(job: Job, frame: int) -> Plate:
-    """The plate of a frame."""
-    return _plate(job, job.shot.plate, "plate", frame, job.shot.matte)
+@dataclass(frozen=True)
+class Radiance:
+    """An env map as it lies in its file.
+
+    Attributes:
+        values: [h, w, 3] radiance, finite and >= 0.
+        negative: how many negative values were set to 0.
+        infinite: how many infinite values were set to the clamp.
+    """
+
+    values: NDArray[np.float32]
+    negative: int = 0
+    infinite: int = 0
+
+
+def read_plate(job: Job, frame: int, working: bool = False) -> Plate:
+    """The plate of a frame, in linear Rec.709 or in the working space."""
+    return _plate(job, frame, job.colors.plate_working if working else job.colors.plate)
 
 
 def read_matte(job: Job, frame: int) -> NDArray[np.float32]:
@@ -67,22 +98,30 @@ def read_matte(job: Job, frame: int) -> NDArray[np.float32]:
 
 
 def read_background(job: Job, frame: int) -> NDArray[np.float32] | None:
-    """The background of a frame as associated linear colour [H, W, 3], or None if the job names none."""
+    """The background of a frame in the working space as associated RGBA [H, W, 4], or None if the job names none.
+
+    Its own alpha, its colour where that is 0, and its negative values stay as they are.
+    """
     if job.shot.background is None:
         return None
-    plate = _plate(job, job.shot.background, "background", frame, None)
-    return plate.color * plate.matte[..., None]
+    stored = _stored(job, "background", frame)
+    _refuse_nan(_not_finite(stored.color), stored.path, stored.label)
+    color, uncovered = _straight(stored, job.colors.background)
+    rgb = color * stored.matte[..., None]
+    return np.concatenate([rgb if uncovered is None else rgb + uncovered, stored.matte[..., None]], axis=-1)
 
 
 def read_surface(job: Job, frame: int, camera: Camera) -> Surface:
-    """The G-buffer of a frame, normals in world space."""
+    """The G-buffer of a frame, normals in world space; 0 where it is not finite outside the matte."""
     spec = job.shot.gbuffer
     headers = read_headers(frame_path(job.root, spec.path, frame))
     channels = find_z(headers, spec), *find_normals(headers, spec)
     z, *axes = read_placed(job, channels)
     normal = np.stack(axes, axis=-1)
-    _refuse_nan(np.isnan(z), headers[0].path, channels[0].label)
-    _refuse_nan(~np.isfinite(normal), headers[0].path, labels(channels[1:]))
+    _refuse_inside(job, frame, np.isnan(z), headers[0].path, channels[0].label)
+    bad = _not_finite(normal)
+    _refuse_inside(job, frame, bad, headers[0].path, labels(channels[1:]))
+    normal = np.where(bad[..., None], 0, normal) if bad.any() else normal
     return Surface(world_normals(normal, spec, camera, frame), planar_z(z, spec, camera))
 
 
@@ -97,8 +136,8 @@ def read_passes(job: Job, frame: int) -> tuple[NDArray[np.float32], NDArray[np.f
         mean = np.stack([_single(job, parts, name) for name, parts in headers.items()])
         spread = np.zeros_like(mean)
     for plane, parts in zip(mean, list(headers.values()) * 2, strict=False):
-        _refuse_nan(~np.isfinite(plane), parts[0].path, "the material")
-    return np.clip(mean, 0, 1), np.clip(np.nan_to_num(spread), 0, 0.5)
+        _refuse_inside(job, frame, ~np.isfinite(plane), parts[0].path, "the material")
+    return np.clip(np.nan_to_num(mean), 0, 1), np.clip(np.nan_to_num(spread), 0, 0.5)
 
 
 def _material(job: Job, headers: Headers) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -129,12 +168,18 @@ def read_flow(job: Job, frame: int) -> NDArray[np.float32]:
     headers = read_headers(frame_path(job.root, pattern, frame))
     channels = channels_of(headers, None, "flow")
     flow = np.stack(read_placed(job, [named(channels, f"forward.{c}", "flow") for c in "uv"]), axis=-1)
-    _refuse_nan(~np.isfinite(flow), headers[0].path, "forward.u, forward.v")
-    return flow
+    bad = _not_finite(flow)
+    _refuse_inside(job, frame, bad, headers[0].path, "forward.u, forward.v")
+    return np.where(bad[..., None], np.float32(0), flow) if bad.any() else flow
 
 
-def read_radiance(path: Path) -> tuple[NDArray[np.float32], int]:
-    """An env map as it lies in its file: [h, w, 3] radiance and how many negative values were set to 0.
+def read_radiance(path: Path, conversion: Conversion = AS_IT_IS, clamp: float | None = None) -> Radiance:
+    """An env map as it lies in its file.
+
+    Args:
+        path: of the map.
+        conversion: of its colours.
+        clamp: what infinite radiance becomes, in the file's units; None: it is refused.
 
     Raises:
         JobError: not an RGB picture, or NaN or Inf in it.
@@ -144,27 +189,74 @@ def read_radiance(path: Path) -> tuple[NDArray[np.float32], int]:
     header = found.color[0].header
     planes = read_channels(header, [channel.name for channel in found.color])
     stored = np.stack([planes[channel.name] for channel in found.color], axis=-1)
-    radiance = to_scene_linear(stored, "lin_rec709", header)
-    _refuse_nan(~np.isfinite(radiance), str(path), "R, G, B")
+    infinite = np.isposinf(stored)
+    if clamp is not None:
+        stored = np.where(infinite, np.float32(clamp), stored)
+    remedy = "mend this picture" if clamp is not None or not infinite.any() else "mend it, or set `clamp` for this map"
+    _refuse_nan(~np.isfinite(stored), str(path), "R, G, B", remedy)
+    radiance = to_scene_linear(stored, conversion)
     negative = radiance < 0
-    return np.where(negative, 0, radiance), int(negative.sum())
+    return Radiance(np.where(negative, 0, radiance), int(negative.sum()), int(infinite.sum()))
 
 
-def _plate(job: Job, spec: PlateInput, key: str, frame: int, matte_input: MatteInput | None) -> Plate:
+def _plate(job: Job, frame: int, conversion: Conversion) -> Plate:
+    stored = _stored(job, "plate", frame)
+    bad = _not_finite(stored.color)
+    if bad.any():
+        _refuse_nan(bad & (stored.matte > 0), stored.path, stored.label)
+        stored = replace(stored, color=np.where(bad[..., None], np.float32(0), stored.color))
+    color, uncovered = _straight(stored, conversion)
+    negative = color < 0
+    color = np.where(negative, np.float32(0), color)
+    clamps = int(negative.sum()), stored.alpha_clamped, stored.has_alpha
+    return Plate(color, stored.matte, *clamps, uncovered, int(bad.sum()))
+
+
+@dataclass(frozen=True)
+class _Stored:
+    """A colour picture as its files hold it: colour [H, W, 3], coverage [H, W] in [0, 1], and the alpha to divide by.
+
+    `by` is None where colour is straight; `own` says that coverage and `by` are the same alpha of the file.
+    """
+
+    path: str
+    label: str
+    color: NDArray[np.float32]
+    matte: NDArray[np.float32]
+    by: NDArray[np.float32] | None
+    own: bool
+    alpha_clamped: int
+    has_alpha: bool
+
+
+def _stored(job: Job, role: Literal["plate", "background"], frame: int) -> _Stored:
+    spec = getattr(job.shot, role)
+    matte_input = job.shot.matte if role == "plate" else None
     headers = read_headers(frame_path(job.root, spec.path, frame))
-    found = find_color(headers, spec, key)
+    found = find_color(headers, spec, role)
     planes = read_placed(job, (*found.color, *((found.alpha,) if found.alpha else ())))
     color, alpha = np.stack(planes[:3], axis=-1), planes[3] if found.alpha else None
     coverage = _separate_matte(job, matte_input, frame) if matte_input else alpha
     matte = np.ones(color.shape[:2], np.float32) if coverage is None else coverage
-    _refuse_nan(~np.isfinite(color).all(-1) | ~np.isfinite(matte), headers[0].path, found.label)
-    negative, beyond = color < 0, (matte < 0) | (matte > 1)
-    color, matte = np.where(negative, 0, color), np.clip(matte, 0, 1)
-    by = matte if alpha is None else np.clip(alpha, 0, 1)
-    straight = straighten(color, by) if association(found, spec) == PREMULTIPLIED else color
-    straight = to_scene_linear(straight, spec.colorspace, found.color[0].header)
-    straight = np.where(matte[..., None] > 0, straight, 0).astype(np.float32)
-    return Plate(straight, matte.astype(np.float32), int(negative.sum()), int(beyond.sum()), coverage is not None)
+    _refuse_nan(~np.isfinite(matte), headers[0].path, found.label)
+    beyond = (matte < 0) | (matte > 1)
+    matte = np.clip(matte, 0, 1).astype(np.float32)
+    by = None
+    if association(found, spec) == PREMULTIPLIED:
+        by = matte if alpha is None else np.clip(alpha, 0, 1).astype(np.float32)
+    own = by is not None and matte_input is None
+    return _Stored(headers[0].path, found.label, color, matte, by, own, int(beyond.sum()), coverage is not None)
+
+
+def _straight(stored: _Stored, conversion: Conversion) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+    """Straight converted colour [H, W, 3], 0 where nothing is covered, and the colour there; None if there is none."""
+    covered = stored.matte[..., None] > 0
+    straight = stored.color if stored.by is None else straighten(stored.color, stored.by)
+    color = np.where(covered, to_scene_linear(straight, conversion), 0).astype(np.float32)
+    if not stored.own or not (stored.color[~covered[..., 0]] != 0).any():
+        return color, None
+    uncovered = np.where(covered, np.float32(0), stored.color)
+    return color, np.where(covered, 0, to_scene_linear(uncovered, conversion)).astype(np.float32)
 
 
 def _separate_matte(job: Job, spec: MatteInput, frame: int) -> NDArray[np.float32]:
@@ -179,7 +271,18 @@ def _separate_matte(job: Job, spec: MatteInput, frame: int) -> NDArray[np.float3
     return first
 
 
-def _refuse_nan(bad: NDArray[np.bool_], where: str, channels: str) -> None:
+def _not_finite(vectors: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Pixels [H, W] of which a component is NaN or infinite."""
+    return np.asarray(~np.isfinite(vectors).all(axis=-1))
+
+
+def _refuse_inside(job: Job, frame: int, bad: NDArray[np.bool_], where: str, channels: str) -> None:
+    """Refuses values that are not finite inside the matte; what lies outside it is not used."""
+    if bad.any():
+        _refuse_nan(bad & (read_matte(job, frame) > 0), where, channels)
+
+
+def _refuse_nan(bad: NDArray[np.bool_], where: str, channels: str, remedy: str = "mend this picture") -> None:
     count = int(bad.sum())
     if count:
         y, x = (int(v[0]) for v in np.nonzero(bad)[:2])
@@ -187,5 +290,5 @@ def _refuse_nan(bad: NDArray[np.bool_], where: str, channels: str) -> None:
             f"{count} values are NaN or Inf in {channels}",
             f"{where}, first at x={x} y={y}",
             "finite numbers",
-            "mend this picture",
+            remedy,
         )

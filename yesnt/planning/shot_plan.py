@@ -92,7 +92,7 @@ class ShotPlan:
     @cached_property
     def job_digest(self) -> str:
         """Hash of the job's settings; the EXR headers carry it."""
-        settings = changed_keys(self.job.shot, {"output": True, "decompose": {"accept_license"}})
+        settings = changed_keys(self.job.shot, {"output": True, "decompose": {"accept_license"}, "color": {"config"}})
         return digest_of({name: value for name, value in settings.items() if value != {}})
 
     @cached_property
@@ -130,7 +130,7 @@ class ShotPlan:
         """Sections of settings that the reading of plates depends on, for the keys."""
         shot = self.job.shot
         matte = {"matte": changed_keys(shot.matte, {"path"})} if shot.matte else {}
-        return {"plate": changed_keys(shot.plate, {"path"}), **matte}
+        return {"plate": changed_keys(shot.plate, {"path"}), **matte, "color": self.job.colors.digests("plate")}
 
     def _digest(self, pattern: str, frame: int) -> str:
         by_frame = self._digests_of.setdefault(pattern, {})

@@ -120,13 +120,13 @@ _ROWS = (
         channels=("base_color", "diffuse", "specular", "shadow"),
     ),
     Stage(
-        "composite", 2, "frame", "diffuse, specular, background",
+        "composite", 3, "frame", "diffuse, specular, background",
         Cost(0.05, 1.5, 400, 250, 18), "#66a182",
         {records.CompositeTask: "yesnt.tasks.composite:composite"},
         files=("EXR sequence",),
     ),
     Stage(
-        "preview", 4, "second of the video; then the shot", "the EXR sequence",
+        "preview", 5, "second of the video; then the shot", "the EXR sequence",
         Cost(0.2, 0.3, 400, 40, 0.5), "#999999",
         {
             records.PreviewSegmentTask: "yesnt.tasks.preview:encode_segment",

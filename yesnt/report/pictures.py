@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.core.color import srgb_encode
 from yesnt.core.errors import YesntError
+from yesnt.io.color_config import convert
 from yesnt.io.pictures.image import read_image
 from yesnt.io.shot_inputs import read_plate
 from yesnt.io.store import FrameStore
@@ -51,12 +54,13 @@ def _strip(session: Session, frame: int) -> Float32:
     """Plate, roughness, metallic, spread, relit, composite of one frame side by side."""
     plate = read_plate(session.job, frame)
     image = read_image(session.output.exr_path(session.job.shot.name, frame))
+    show = partial(convert, conversion=session.job.colors.display)
     panels = [
         srgb_encode(plate.color * plate.matte[..., None]),
         *(_grey(image.channels[name]) for name in ("roughness.Y", "metallic.Y")),
         _grey(2 * image.channels["roughness_std.Y"]),
-        srgb_encode(image.stack([f"relit.{c}" for c in "RGB"])),
-        srgb_encode(image.stack("RGB")),
+        show(image.stack([f"relit.{c}" for c in "RGB"])),
+        show(image.stack("RGB")),
     ]
     return np.concatenate(panels, axis=1).astype(np.float32)
 

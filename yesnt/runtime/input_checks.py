@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 from collections import Counter
 from collections.abc import Iterable
+from dataclasses import asdict
 from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -16,17 +17,18 @@ from typing import Any
 import numpy as np
 
 from yesnt.core.camera import Camera
-from yesnt.core.errors import JobError
 from yesnt.core.job_progress import Progress, no_progress
 from yesnt.core.parallel import parallel_map
 from yesnt.core.shot import Job
 from yesnt.io import shot_inputs
 from yesnt.io.fact_cache import FactCache
+from yesnt.io.job_colors import Statement, check_statement, first_statements
 from yesnt.io.jobfile import frame_path, frames_on_disk, pass_patterns
 from yesnt.io.mesh import read_mesh
 from yesnt.io.output import OutputFolder
 from yesnt.io.pictures.image import read_header
 from yesnt.io.pictures.placed import check_fits
+from yesnt.io.preview import has_video
 from yesnt.io.records import digest_of
 from yesnt.runtime.preflight import READERS, Resolved
 
@@ -34,6 +36,8 @@ STORE_BYTES_PER_PIXEL = 80
 """All arrays of the store and the EXR of one frame, before compression."""
 
 NEGATIVE = "plate: negative values that are read as 0"
+NOT_FINITE = "plate: pixels outside the matte that are NaN or infinite and read as 0"
+UNCOVERED = "plate: pixels with colour but no coverage, added to the composite as they are (or set `alpha: straight`)"
 NO_DEPTH = "gbuffer: pixels inside the matte without depth"
 ALPHA_BEYOND = "plate: alpha outside 0 to 1 that is read as 0 or 1"
 NO_ALPHA = "plate: frames without alpha, and the job names no `matte:`, so that every pixel counts as the subject"
@@ -52,6 +56,7 @@ class InputChecks:
 
     def __init__(self, resolved: Resolved, progress: Progress = no_progress) -> None:
         self._job, self._digests, self._progress = resolved.job, resolved.digests, progress
+        self._notes = resolved.notes
         self.facts = FactCache(OutputFolder.of(self._job).run / "facts.json")
         self._keys: dict[int, str] = {}
 
@@ -62,7 +67,7 @@ class InputChecks:
             JobError: as said.
         """
         job = self._job
-        warnings = list(_extra_frames(job))
+        warnings = [*self._notes, *_no_video(job)]
         for pattern in (job.shot.plate.path, job.shot.gbuffer.path):
             for frame in (frame for frame in job.frames if not self.facts.knows(self._frame_key(frame))):
                 check_fits(job, read_header(frame_path(job.root, pattern, frame)))
@@ -103,7 +108,10 @@ class InputChecks:
     def _check_frame(self, frame: int) -> dict[str, Any]:
         """Decodes all of a frame's inputs; counts what is used although it is odd."""
         job = self._job
-        plate = shot_inputs.read_plate(job, frame)
+        for role in (role for role in ("plate", "background") if role in self._statements):
+            path = frame_path(job.root, getattr(job.shot, role).path, frame)
+            check_statement(path, job.shot, role, self._statements[role])
+        plate = shot_inputs.read_plate(job, frame, working=True)
         surface = shot_inputs.read_surface(job, frame, self._camera)
         if job.shot.proxy:
             read_mesh(frame_path(job.root, job.shot.proxy.path, frame))
@@ -116,6 +124,8 @@ class InputChecks:
             NO_DEPTH: int(((plate.matte > 0.5) & (surface.z == 0)).sum()),
             ALPHA_BEYOND: plate.alpha_clamped,
             NO_ALPHA: int(not plate.has_alpha),
+            NOT_FINITE: plate.not_finite,
+            UNCOVERED: 0 if plate.uncovered is None else int((plate.uncovered != 0).any(-1).sum()),
         }
         known = inside is not None and inside.size > 0
         span = [inside.min(axis=1).tolist(), inside.max(axis=1).tolist()] if known and inside is not None else None
@@ -142,7 +152,13 @@ class InputChecks:
             "check": "frame", "code": code_digest(), "files": files, "frame": frame,
             "window": str(job.window), "display": job.display_size,
             "reads": [s.model_dump(mode="json") for s in (shot.plate, shot.matte, shot.background, shot.gbuffer) if s],
+            "colors": [asdict(getattr(job.colors, role)) for role in ("plate_working", "background")],
+            "stated": [asdict(self._statements[role]) for role in ("plate", "background") if role in self._statements],
         }  # fmt: skip
+
+    @cached_property
+    def _statements(self) -> dict[str, Statement]:
+        return first_statements(self._job)
 
     @cached_property
     def _camera(self) -> Camera:
@@ -154,14 +170,18 @@ class InputChecks:
         for role, light in (("light", job.shot.light), ("capture_light", job.shot.capture_light)):
             pattern = light.path if light is not None else None
             for path in dict.fromkeys(frame_path(job.root, pattern, f) for f in job.frames if pattern is not None):
-                key = digest_of({"check": "map", "code": code_digest(), "file": self._digests[str(path)]})
-                negative = self.facts.fetch(key, partial(_negative_values, path))
-                if negative:
-                    yield f"{role}: {negative} negative values in {path} are read as 0"
+                stated, conversion = asdict(self._statements[role]), asdict(getattr(job.colors, role))
+                depends = {"file": self._digests[str(path)], "stated": stated, "color": conversion}
+                key = digest_of({"check": "map", "code": code_digest(), "clamp": light and light.clamp, **depends})
+                for what, count in self.facts.fetch(key, partial(self._check_map, path, role)).items():
+                    yield f"{role}: {count} {what} ({path})"
 
-
-def _negative_values(path: Path) -> int:
-    return shot_inputs.read_radiance(path)[1]
+    def _check_map(self, path: Path, role: str) -> dict[str, int]:
+        """Decodes a map; counts what is used although it is odd."""
+        check_statement(path, self._job.shot, role, self._statements[role])
+        found = shot_inputs.read_radiance(path, getattr(self._job.colors, role), getattr(self._job.shot, role).clamp)
+        counts = {"negative values are read as 0": found.negative, "infinite values are clamped": found.infinite}
+        return {what: count for what, count in counts.items() if count}
 
 
 @cache
@@ -183,15 +203,16 @@ def inspect(resolved: Resolved) -> list[str]:
     return checks.form() + checks.content()
 
 
-def _extra_frames(job: Job) -> Iterable[str]:
-    """Files of a sequence outside the job's range: most often a range that was typed wrong."""
+def _no_video(job: Job) -> Iterable[str]:
+    """Pictures of which no preview video can be made; their EXRs are delivered."""
+    if not has_video(job.width, job.height):
+        yield f"no preview video is made: the pictures are {job.width}x{job.height}, and a video needs at least 2x2"
+
+
+def handles(job: Job) -> Iterable[str]:
+    """Frames of a sequence outside the job's range, as editorial adds them at both ends."""
     for pattern in (job.shot.plate.path, job.shot.gbuffer.path):
         extra = sorted(frames_on_disk(job.root, pattern) - set(job.frames))
-        if extra and job.shot.extra_frames == "refuse":
-            raise JobError(
-                f"{len(extra)} frames on disk are not in the range, first {extra[0]}",
-                f"{pattern}; frames: {job.shot.frames}", "a range that covers the sequence",
-                "widen `frames:`, or set `extra_frames: ignore`",
-            )  # fmt: skip
         if extra:
-            yield f"{pattern}: {len(extra)} frames on disk are outside the range and ignored"
+            count = f"{len(extra)} frame{'s' if len(extra) > 1 else ''} on disk"
+            yield f"{pattern}: {count} outside `frames:` ({extra[0]} to {extra[-1]}) not used"

@@ -13,6 +13,7 @@ from yesnt.core.shot import Job, Shot
 from yesnt.decompose.identity import BackendIdentity, identify_backend
 from yesnt.decompose.registry import find_weights
 from yesnt.io.file_digests import FileDigests
+from yesnt.io.job_colors import resolve_colors
 from yesnt.io.jobfile import frame_path, load_shot, parse_frames, pass_patterns
 from yesnt.io.output import OutputFolder
 from yesnt.planning import settings as of
@@ -30,12 +31,14 @@ class Resolved:
         job: the job.
         digests: path -> digest of the file's bytes, for every input.
         backend: what decomposes; None if passes are read.
+        notes: what was taken from the files because the job does not say it.
         memory: of the files' digests, to be saved once the output folder may be written to.
     """
 
     job: Job
     digests: dict[str, str]
     backend: BackendIdentity | None
+    notes: tuple[str, ...]
     memory: FileDigests = field(compare=False, repr=False)
 
     @property
@@ -79,7 +82,9 @@ def resolve(path: str | Path, accept_license: tuple[str, ...] = (), progress: Pr
     paths = dict.fromkeys(_input_files(job))
     digests = memory.of(paths, lambda done, total: progress("Hashing files", done, total))
     memory.save()
-    return Resolved(job, digests, backend, memory)
+    shot, colors, notes = resolve_colors(shot, root, frames)
+    job = job.model_copy(update={"shot": shot, "colors": colors})
+    return Resolved(job, digests, backend, notes, memory)
 
 
 def _accepting(shot: Shot, licences: tuple[str, ...]) -> Shot:

@@ -8,13 +8,14 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import Any
 
 from yesnt.core.errors import UsageError
 from yesnt.core.job_progress import Progress, no_progress
 from yesnt.core.stage_id import StageId
+from yesnt.io.color_config import convert
 from yesnt.io.durable import sweep_partials, write_json
 from yesnt.io.jobfile import parse_frames
 from yesnt.io.lease import LeaseState
@@ -297,8 +298,9 @@ class Session:
         grid = FrameGrid(self.job.frames, self.job.width * self.job.height / 1e6)
         for (stage, frame), reason in self.marked_dead().items():
             grid.lose(stage.name, frame, DEAD, reason)
+        show = partial(convert, conversion=self.job.colors.display)
         live = LiveGrid(
-            self.job.shot.name, grid, lambda frame: thumbnail(self.output.exr_path(self.job.shot.name, frame))
+            self.job.shot.name, grid, lambda frame: thumbnail(self.output.exr_path(self.job.shot.name, frame), show)
         )
         try:
             yield live

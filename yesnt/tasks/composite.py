@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.core.channels import CHANNELS, DELIVERED, ON_REQUEST
-from yesnt.core.color import CHROMATICITIES_REC709
 from yesnt.core.shot import Job
+from yesnt.io.color_config import convert
 from yesnt.io.exr import write_exr
 from yesnt.io.file_digests import file_digest
 from yesnt.planning.stages import DECOMPOSE, RELIGHT, SOLVE
@@ -26,13 +26,15 @@ def composite(space: Workspace[CompositeTask]) -> None:
 
     job, frame = space.job, space.frame
     camera = space.camera()
-    plate, surface = space.plate(frame), space.surface(frame, camera)
+    plate, surface = space.plate(frame, working=True), space.surface(frame, camera)
     diffuse, specular, shadow = (space.read(RELIGHT, name, frame) for name in ("diffuse", "specular", "shadow"))
     background = space.inputs.background()
     with space.kernel():
         if background is None:
             background = backdrop(LightFiles(job, frame, space.node.inputs), camera)
         relit = associate((diffuse + specular).transpose(1, 2, 0), plate.matte)
+        if plate.uncovered is not None:  # a flame covers nothing, and is no surface to relight
+            relit[..., :3] += plate.uncovered
         planes = {
             "composite": over(relit, background).transpose(2, 0, 1),
             "relit": relit.transpose(2, 0, 1),
@@ -45,10 +47,21 @@ def composite(space: Workspace[CompositeTask]) -> None:
             "z": surface.z[None],
         }
         planes |= {name: space.read(RELIGHT, name, frame) for name in _requested(job)}
-        delivered = _exr_planes(planes)
+        delivered = _exr_planes({name: _delivered_color(job, name, plane) for name, plane in planes.items()})
     path = space.output.exr_path(job.shot.name, frame)
     write_exr(path, delivered, _exr_attributes(space), job.shot.exr.compression)
     space.commit(frame, {}, {str(path.relative_to(space.output.root)): file_digest(path)})
+
+
+def _delivered_color(job: Job, name: str, plane: Float32) -> Float32:
+    """A layer [C, H, W] in the output space, if it holds colour; coverage stays as it is.
+
+    The output space is linear, so colour may be associated: coverage multiplies before and after alike.
+    """
+    if not (CHANNELS[name].colored and job.colors.output.changes):
+        return plane
+    color = convert(plane[:3].transpose(1, 2, 0), job.colors.output).transpose(2, 0, 1)
+    return np.concatenate([color, plane[3:]])
 
 
 def _requested(job: Job) -> tuple[str, ...]:
@@ -77,9 +90,13 @@ def _exr_planes(planes: dict[str, Float32]) -> dict[str, NDArray[np.floating]]:
 
 
 def _exr_attributes(space: Workspace[CompositeTask]) -> dict[str, Any]:
-    """The file's header: its colour space and what it was made from."""
+    """The file's header: its colour space, which layers are associated with coverage, and what it was made from."""
+    held = space.job.colors.output_space
+    associated = [name for name in (*DELIVERED, *_requested(space.job)) if CHANNELS[name].associated]
     return {
-        "chromaticities": CHROMATICITIES_REC709,
+        "chromaticities": held.chromaticities,
+        **({"colorInteropID": held.interop} if held.interop else {}),
+        "yesnt:associated": ", ".join(CHANNELS[name].layer for name in associated),
         "yesnt:job": space.task.job_digest,
         "yesnt:key": space.node.key,
         "yesnt:frame": str(space.frame),

@@ -101,9 +101,12 @@ class TaskInputs:
         roles = ("plate", "matte") if self._job.shot.matte else ("plate",)
         return {role: self.digest(role, frame) for role in roles}
 
-    def plate(self, frame: int) -> shot_inputs.Plate:
-        """The plate of a frame, with its matte; its files are those of `plate_digests`."""
-        found = shot_inputs.read_plate(self._job, frame)
+    def plate(self, frame: int, working: bool = False) -> shot_inputs.Plate:
+        """The plate of a frame, with its matte, in linear Rec.709 or in the working space.
+
+        Its files are those of `plate_digests`.
+        """
+        found = shot_inputs.read_plate(self._job, frame, working)
         for role, digest in self.plate_digests(frame).items():
             prove_input(self.path(role, frame), digest)
         return found
@@ -129,7 +132,7 @@ class TaskInputs:
         return found
 
     def background(self) -> NDArray[np.float32] | None:
-        """The background [H, W, 3] of the node's frame, or None if the job names none."""
+        """The background [H, W, 4] of the node's frame, or None if the job names none."""
         if self._job.shot.background is None:
             return None
         found = shot_inputs.read_background(self._job, self._node.frames[0])

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.core.camera import Camera
+from yesnt.core.color_spaces import Conversion
 from yesnt.core.shot import CaptureInput, Job, LightInput
 from yesnt.io import shot_inputs
 from yesnt.io.file_digests import file_digest
@@ -37,14 +38,15 @@ def frame_map(job: Job, spec: MapInput | None, frame: int) -> EnvMap:
         return uniform_light()
     if spec.path is None:
         return estimated_map(job).turned(*spec.turn(frame))
-    return read_map(str(frame_path(job.root, spec.path, frame)), spec).turned(*spec.turn(frame))
+    conversion = job.colors.light if isinstance(spec, LightInput) else job.colors.capture_light
+    return read_map(frame_path(job.root, spec.path, frame), spec, conversion).turned(*spec.turn(frame))
 
 
-def read_map(path: str, spec: MapInput) -> EnvMap:
-    """Reads a map and applies the job's convention and clamp."""
+def read_map(path: Path, spec: MapInput, conversion: Conversion) -> EnvMap:
+    """Reads a map in the working space and applies the job's convention and clamp."""
     from yesnt.relight import EnvMap
 
-    radiance, _ = shot_inputs.read_radiance(Path(path))
+    radiance = shot_inputs.read_radiance(path, conversion, spec.clamp).values
     env = EnvMap.from_array(radiance, spec.convention)
     return env if spec.clamp is None else env.clamped(spec.clamp)
 
@@ -56,7 +58,8 @@ def estimated_map(job: Job) -> EnvMap:
     camera = Camera.open(frame_path(job.root, job.shot.camera, 0))
     plates, surfaces = [], []
     for frame in job.probe_frames:
-        plate, seen = shot_inputs.read_plate(job, frame), shot_inputs.read_surface(job, frame, camera)
+        plate = shot_inputs.read_plate(job, frame, working=True)
+        seen = shot_inputs.read_surface(job, frame, camera)
         unknown = np.zeros_like(seen.z)  # an estimate asks for no material
         plates.append(plate.color)
         surfaces.append(Surface(seen.normal, seen.z, plate.matte, unknown, unknown, camera, frame))
@@ -122,7 +125,9 @@ class _Known:
             self._files["camera"] = digests["camera"]
             sections = (shot.plate, shot.matte, shot.gbuffer)
             seen = (*(part.model_dump_json() for part in sections if part), files.job.window, files.job.display_size)
-        self._key = (spec, tuple(self._files.items()), seen)
+        colors = files.job.colors
+        color = colors.light if role == "light" else (colors.capture_light, colors.plate_working)
+        self._key = (spec, tuple(self._files.items()), seen, color)
 
     def __hash__(self) -> int:
         return hash(self._key)

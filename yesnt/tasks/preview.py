@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from yesnt.io.color_config import convert
 from yesnt.io.file_digests import file_digest
 from yesnt.io.preview import join_segments, write_segment
 from yesnt.planning.stages import SEGMENT
@@ -17,7 +19,8 @@ def encode_segment(space: Workspace[PreviewSegmentTask]) -> None:
     output = space.output
     files = output.segment_paths(SEGMENT, space.node.index)
     files[0].parent.mkdir(parents=True, exist_ok=True)
-    write_segment([output.exr_path(space.job.shot.name, frame) for frame in space.task.frames], *files)
+    exrs = [output.exr_path(space.job.shot.name, frame) for frame in space.task.frames]
+    write_segment(exrs, *files, show=partial(convert, conversion=space.job.colors.display))
     _commit(space, files)
 
 

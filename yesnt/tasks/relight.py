@@ -15,7 +15,7 @@ def relight(space: Workspace[RelightTask]) -> None:
     from yesnt.tasks import relight_inputs
 
     job, frame, camera = space.job, space.frame, space.camera()
-    plate, seen = space.plate(frame), space.surface(frame, camera)
+    plate, seen = space.plate(frame, working=True), space.surface(frame, camera)
     material, mesh = space.read(SOLVE, "material", frame), space.inputs.proxy()
     settings = of.relight_settings(job.shot)
     with space.kernel():

@@ -6,7 +6,7 @@ import logging
 import os
 import platform
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Hashable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from functools import cached_property
 from typing import Any, Generic, TypeVar
@@ -74,14 +74,14 @@ class Workspace(Generic[T_co]):
         """The job's input files, checked against the node's key."""
         return TaskInputs(self.job, self.node, self.book)
 
-    def plate(self, frame: int) -> shot_inputs.Plate:
-        """The plate of a frame. Read only: other stages share it."""
-        key = self._plate_key(frame)
+    def plate(self, frame: int, working: bool = False) -> shot_inputs.Plate:
+        """The plate of a frame, in linear Rec.709 or in the working space. Read only: other stages share it."""
+        key = self._plate_key(frame, working)
         with self.clock.reading_time():
             plate = decoded.FRAMES.fetch(
                 ("plate", *key),
-                lambda: self.inputs.plate(frame),
-                lambda plate: (plate.color, plate.matte),
+                lambda: self.inputs.plate(frame, working),
+                lambda plate: plate.arrays,
             )
             decoded.MATTES.fetch(("matte", *key), lambda: _bits(plate), lambda bits: (bits,))
         return plate
@@ -94,9 +94,11 @@ class Workspace(Generic[T_co]):
             size = self.job.height * self.job.width
             return np.unpackbits(bits, count=size).view(np.bool_).reshape(self.job.height, self.job.width)
 
-    def _plate_key(self, frame: int) -> tuple[str, ...]:
+    def _plate_key(self, frame: int, working: bool = False) -> tuple[Hashable, ...]:
         """Digests of the plate's files, and what their decoding depends on besides."""
-        return *self.inputs.plate_digests(frame).values(), self._plate_reading
+        colors = self.job.colors
+        conversion = colors.plate_working if working else colors.plate
+        return *self.inputs.plate_digests(frame).values(), self._plate_reading, conversion
 
     @cached_property
     def _plate_reading(self) -> str:

@@ -155,4 +155,4 @@ def open_scene(key: SceneKey) -> Scene:
 def _new_light(env: Path, digest: str, settings: RelightSettings) -> PreparedLight:
     """A map of the test set in Blender's convention; the file's digest is part of the cache's key."""
     del digest
-    return prepare_relight(EnvMap.from_array(shot_inputs.read_radiance(env)[0]), settings)
+    return prepare_relight(EnvMap.from_array(shot_inputs.read_radiance(env).values), settings)

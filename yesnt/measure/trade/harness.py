@@ -133,7 +133,8 @@ class Harness:
         middle, settings, spent = len(self.frames) // 2, self._relight_settings(quality), Spent()
         job, frame, planes = self.session.job, self.frames[middle], material[:, middle]
         gbuffer = shot_inputs.read_surface(job, frame, self._camera)
-        bare = RelightInputs(self.plates[middle], gbuffer, self._camera, frame, None)
+        plate = shot_inputs.read_plate(self.session.job, frame, working=True)
+        bare = RelightInputs(plate, gbuffer, self._camera, frame, None)
         lights = prepared_lights(LightFiles.read(job, frame), bare.surface(planes), settings)
         with spent.counted():
             inputs = replace(bare, proxy=proxy_scene(read_proxy(job, frame), ProxyScene))

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from yesnt.planning.builders.assemble import frame_keys, frame_node, node_fields
 from yesnt.planning.graph import Graph, Node
-from yesnt.planning.keyed_settings import changed_keys, shared
+from yesnt.planning.keyed_settings import changed_fields, changed_keys, shared
 from yesnt.planning.shot_plan import ShotPlan
 from yesnt.planning.stages import COMPOSITE, DECOMPOSE, RELIGHT
 from yesnt.planning.task_records import CompositeTask
@@ -20,6 +20,8 @@ def composite_nodes(plan: ShotPlan, graph: Graph) -> Iterator[Node]:
         exr=changed_keys(shot.exr),
         background=changed_keys(shot.background, {"path"}) if shot.background else "light",
         job=plan.job_digest,
+        color=plan.job.colors.digests("output", "background" if shot.background else "light"),
+        space=changed_fields(plan.job.colors.output_space),
     )
     for frame in plan.delivered:
         inputs = plan.inputs(frame, **_backdrop(plan))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from yesnt.io.preview import SEGMENT_FRAMES
+from yesnt.io.preview import SEGMENT_FRAMES, has_video
 from yesnt.planning.builders.assemble import ids, node_fields, node_keys
 from yesnt.planning.graph import Graph, Node
 from yesnt.planning.keyed_settings import shared
@@ -14,8 +14,10 @@ from yesnt.planning.task_records import PreviewSegmentTask, PreviewTask
 
 
 def segment_nodes(plan: ShotPlan, graph: Graph) -> Iterator[Node]:
-    """Every second of the preview video, as soon as its frames are delivered."""
-    settings = shared(name=plan.job.shot.name)
+    """Every second of the preview video, as soon as its frames are delivered; none where a frame is too small."""
+    if not has_video(plan.job.width, plan.job.height):
+        return
+    settings = shared(name=plan.job.shot.name, color=plan.job.colors.digests("display"))
     for number, first in enumerate(range(0, len(plan.delivered), SEGMENT_FRAMES)):
         frames = plan.delivered[first : first + SEGMENT_FRAMES]
         needs = [graph.committer(COMPOSITE, frame) for frame in frames]
@@ -24,7 +26,7 @@ def segment_nodes(plan: ShotPlan, graph: Graph) -> Iterator[Node]:
 
 
 def preview_nodes(plan: ShotPlan, graph: Graph) -> Iterator[Node]:
-    """The video and the contact sheet of all delivered frames; nothing where none is delivered."""
+    """The video and the contact sheet of all delivered frames; nothing without segments."""
     segments = [node for node in graph if node.stage == SEGMENT]
     if segments:
         fields = node_fields(plan, PREVIEW, shared(), node_keys(segments))

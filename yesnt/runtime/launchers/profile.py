@@ -9,9 +9,6 @@ from pydantic import BaseModel, BeforeValidator, ByteSize, ConfigDict, Field, St
 
 _UNITS = {"s": 1, "m": 60, "h": 3600, "d": 86400}
 
-DRAIN_SECONDS = 300
-"""A worker takes its last task this long before its job's walltime ends, unless the profile says otherwise."""
-
 
 def seconds_of(text: object) -> int:
     """A duration in seconds: `90s`, `30m`, `4h`, `2d`, `04:00:00` or Slurm's `1-12:00:00`.
@@ -157,7 +154,7 @@ class Slurm(Started):
         workers_per_job: processes that share a job.
         partition: absent: Slurm's default.
         account: to charge.
-        walltime: of a job.
+        walltime: of a job; absent: as dask-jobqueue is configured, else 30 minutes.
         drain: how long before the end of its job a worker takes no more tasks; absent: 5 minutes, or a fifth of the
             walltime if that is less.
         options: further options of sbatch, such as `--qos=high`.
@@ -170,14 +167,14 @@ class Slurm(Started):
     workers_per_job: Count = 1
     partition: Word | None = None
     account: Word | None = None
-    walltime: Duration = 4 * 3600
+    walltime: Duration | None = None
     drain: Duration | None = None
     options: tuple[Annotated[Word, StringConstraints(pattern=r"^-")], ...] = ()
     gpu: SlurmGpu | None = None
 
     @model_validator(mode="after")
     def _leaves_time(self) -> Any:
-        if self.drain is not None and self.drain >= self.walltime:
+        if self.drain is not None and self.walltime is not None and self.drain >= self.walltime:
             raise ValueError("`drain` is as long as `walltime`: a worker would never take a task")
         if self.mode == "allocation" and self.gpu is not None:
             raise ValueError("`mode: allocation` has no GPU pool; use `mode: jobs`")
@@ -258,7 +255,7 @@ class Kubernetes(Started):
 Profile: TypeAlias = Local | Attach | Ssh | Slurm | Kubernetes
 """A validated profile."""
 
-MODELS: dict[str, type[Local] | type[Attach] | type[Ssh] | type[Slurm] | type[Kubernetes]] = {
-    "local": Local, "attach": Attach, "ssh": Ssh, "slurm": Slurm, "kubernetes": Kubernetes,
+MODELS: dict[str, type[Local] | type[Attach] | type[Ssh] | type[Slurm]] = {
+    "local": Local, "attach": Attach, "ssh": Ssh, "slurm": Slurm,
 }  # fmt: skip
 """The model of each kind."""

@@ -17,8 +17,10 @@ CPU, GPU = "CPU", "GPU"
 LAUNCHERS = {
     "local": "yesnt.runtime.launchers.local:LocalLauncher",
     "attach": "yesnt.runtime.launchers.attach:AttachLauncher",
+    "ssh": "yesnt.runtime.launchers.ssh:SshLauncher",
+    "slurm": "yesnt.runtime.launchers.slurm:slurm_launcher",
 }
-"""The class of each kind of cluster, as `module:class`; called with a `ClusterSpec`."""
+"""The class of each kind of cluster, as `module:class`; or `module:function`; called with a `ClusterSpec`."""
 
 
 def _no_problem() -> YesntError | None:

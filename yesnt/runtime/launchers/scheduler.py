@@ -1,0 +1,56 @@
+"""A scheduler in the driver's process that workers of other machines reach over TLS."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
+
+from yesnt.core.errors import UsageError
+from yesnt.runtime.launchers.certificates import Certificate
+
+DASHBOARD = "127.0.0.1:0"
+"""TLS does not protect Dask's dashboard, so it is bound to this machine alone; a tunnel reaches it from elsewhere."""
+
+
+@contextmanager
+def scheduler_here(certificate: Certificate, interface: str | None, host: str | None) -> Iterator[Any]:
+    """Yields Dask's cluster object of a scheduler without workers, which listens with TLS.
+
+    Args:
+        certificate: that workers and client must show.
+        interface: network interface to listen on; None: that of `host`, or of this machine's default route.
+        host: address to listen on.
+
+    Raises:
+        UsageError: there is no such interface or address.
+    """
+    import dask
+    from distributed import Scheduler, SpecCluster
+    from distributed.utils import get_ip
+
+    where = {"interface": interface} if interface else {"host": host or get_ip()}
+    options = {"protocol": "tls://", "dashboard_address": DASHBOARD, "security": certificate.security(), **where}
+    # Workers may wait long in a farm's queue; the launcher notices if they fail.
+    with dask.config.set({"distributed.scheduler.no-workers-timeout": None}):
+        try:
+            cluster = SpecCluster(
+                workers={}, scheduler={"cls": Scheduler, "options": options}, security=certificate.security(),
+                silence_logs=logging.CRITICAL,
+            )  # fmt: skip
+        except (RuntimeError, ValueError, OSError) as error:
+            raise UsageError(
+                f"The scheduler cannot listen ({error})", "keys interface and host of the cluster profile",
+                "an interface or address of this machine that workers reach", "correct the profile",
+            ) from error  # fmt: skip
+        try:
+            yield cluster
+        finally:
+            with suppress(TimeoutError, OSError):
+                cluster.close(timeout=10)
+
+
+def joined(cluster: Any) -> set[str]:
+    """Names of the workers that are connected."""
+    return {str(worker.name) for worker in list(cluster.scheduler.workers.values())}

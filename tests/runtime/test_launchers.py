@@ -16,7 +16,7 @@ from cryptography import x509
 
 from yesnt.core.errors import ClusterLostError, MissingPartError, UsageError, YesntError
 from yesnt.runtime import drain
-from yesnt.runtime.launchers import allocation, slurm, top_up
+from yesnt.runtime.launchers import allocation, slurm, slurm_commands, top_up
 from yesnt.runtime.launchers.certificates import Certificate, CertificateFiles, certificate_files, make_certificate
 from yesnt.runtime.launchers.processes import Processes, shell_words
 from yesnt.runtime.launchers.profile import MODELS, Slurm, seconds_of
@@ -146,7 +146,7 @@ def test_this_machine_must_submit_to_slurm(monkeypatch: pytest.MonkeyPatch) -> N
 def test_a_package_that_is_absent_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "dask_jobqueue.slurm", None)
     with pytest.raises(MissingPartError, match=r"yesnt\[slurm\]"):
-        slurm.job_class()
+        slurm_commands.job_class()
 
 
 # --- certificates

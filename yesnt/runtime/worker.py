@@ -49,7 +49,7 @@ def _certificates_from_stdin(folder: Path) -> list[str]:
 
 
 def _end_with_stdin() -> None:
-    """Ends this process, in order, when whoever started it is gone."""
+    """Ends this process, in order, when the process that started it is gone."""
     while sys.stdin.readline():
         pass
     os.kill(os.getpid(), signal.SIGTERM)

@@ -13,7 +13,7 @@ from yesnt.core.errors import UsageError
 from yesnt.runtime.launchers.certificates import Certificate, CertificateFiles
 from yesnt.runtime.launchers.processes import Processes, as_any, shell_words
 from yesnt.runtime.launchers.profile import Slurm
-from yesnt.runtime.launchers.slurm import NANNY_BYTES, job_class, require_command, slurm_time, working_seconds
+from yesnt.runtime.launchers.slurm_commands import NANNY_BYTES, job_class, require_command, slurm_time, working_seconds
 from yesnt.runtime.launchers.spec import ClusterSpec
 from yesnt.runtime.launchers.started import Groups, numbered_groups, worker_logs, workers_elsewhere
 from yesnt.runtime.launchers.table import CPU, Running

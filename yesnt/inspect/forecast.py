@@ -95,7 +95,7 @@ def forecast(session: Session) -> Forecast:
         if state.state != DONE:
             reasons[StageId.parse(state.stage).name].append(state.why.split(";")[0])
     used = {node.stage.name for node in graph}
-    planned = [name for name, row in STAGES.items() if name in used or not row.in_lanes]
+    planned = [name for name, row in STAGES.items() if name in used or not (row.in_lanes or row.optional)]
     progress = _Progress(graph, index)
     rows = tuple(_row(session, progress, stage, reasons[stage]) for stage in planned)
     terms = _relight_terms(session)
@@ -179,7 +179,7 @@ def _left_out(session: Session, terms: Iterable[Requirement]) -> list[str]:
     """Terms and stages that this job does not need, with reasons."""
     shot = session.job.shot
     found = [f"{term.term}: {term.reason}" for term in terms if not term.modelled]
-    if shot.decompose.path is not None:
+    if not shot.decompose.samples_backend:
         found.append("diffusion: the job brings its own passes")
     if shot.flow.path is not None:
         found.append("optical flow: the job brings its own")

@@ -12,7 +12,7 @@ import yaml
 from pydantic import ValidationError
 
 from yesnt.core.errors import JobError, UsageError
-from yesnt.core.shot import Shot
+from yesnt.core.shot import DecomposeInput, Shot
 
 MAX_JOB_BYTES = 1 << 20
 MAX_FRAMES = 1_000_000
@@ -132,6 +132,21 @@ def pass_patterns(pattern: str) -> dict[str, str]:
     if PASS not in pattern:
         return {"material": pattern}
     return {name: pattern.replace(PASS, name) for name in ("roughness", "metallic")}
+
+
+def pass_files(decompose: DecomposeInput) -> dict[str, str]:
+    """Patterns of all material passes that a job brings, by name; none if a backend gives both quantities."""
+    if decompose.path is not None:
+        return pass_patterns(decompose.path)
+    return {name: one.path for name, one in decompose.quantities.items()}
+
+
+def correction_patterns(shot: Shot) -> dict[str, str]:
+    """Patterns of the files that correct the observed materials, by role: `roughness`, `mask 0`, `cryptomatte 1`."""
+    single = pass_files(shot.decompose) if shot.decompose.samples_backend else {}
+    kinds = ("mask" if one.mask is not None else "cryptomatte" for one in shot.materials)
+    masks = zip(kinds, shot.materials, strict=True)
+    return single | {f"{kind} {number}": one.path for number, (kind, one) in enumerate(masks)}
 
 
 def frames_on_disk(root: str | Path, pattern: str) -> set[int]:

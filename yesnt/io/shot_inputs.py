@@ -13,17 +13,16 @@ from yesnt.core.camera import Camera
 from yesnt.core.color import straighten
 from yesnt.core.color_spaces import Conversion
 from yesnt.core.errors import JobError
-from yesnt.core.shot import Job, MatteInput, PlateInput
+from yesnt.core.shot import MATERIAL, Job, MatteInput, PlateInput
 from yesnt.io.jobfile import frame_path, pass_patterns
 from yesnt.io.pictures.association import PREMULTIPLIED, association
 from yesnt.io.pictures.channels import channels_of, named
 from yesnt.io.pictures.decode_color import to_scene_linear
 from yesnt.io.pictures.image import read_channels, read_headers
+from yesnt.io.pictures.material_pass import read_quantity, single_pass
 from yesnt.io.pictures.passes import Headers, find_color, find_matte, find_normals, find_scalar, find_z, labels
 from yesnt.io.pictures.placed import read_placed
 from yesnt.io.pictures.surface import planar_z, world_normals
-
-MATERIALS = ("roughness", "metallic")
 
 
 AS_IT_IS = Conversion()
@@ -127,38 +126,35 @@ def read_surface(job: Job, frame: int, camera: Camera) -> Surface:
 
 def read_passes(job: Job, frame: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Roughness and metallic made elsewhere, and their spread where the file has it: two [2, H, W] in [0, 1]."""
-    assert job.shot.decompose.path is not None
+    if job.shot.decompose.path is None:
+        return _quantities(job, frame)
     patterns = pass_patterns(job.shot.decompose.path)
     headers = {name: read_headers(frame_path(job.root, pattern, frame)) for name, pattern in patterns.items()}
     if "material" in headers:
         mean, spread = _material(job, headers["material"])
     else:
-        mean = np.stack([_single(job, parts, name) for name, parts in headers.items()])
+        mean = np.stack([single_pass(job, parts, name) for name, parts in headers.items()])
         spread = np.zeros_like(mean)
     for plane, parts in zip(mean, list(headers.values()) * 2, strict=False):
         _refuse_inside(job, frame, ~np.isfinite(plane), parts[0].path, "the material")
     return np.clip(np.nan_to_num(mean), 0, 1), np.clip(np.nan_to_num(spread), 0, 0.5)
 
 
+def _quantities(job: Job, frame: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Both materials from passes of one quantity each."""
+    matte, given = read_matte(job, frame), job.shot.decompose.quantities
+    mean = np.stack([read_quantity(job, name, given[name], frame, matte)[0] for name in MATERIAL])
+    return mean, np.zeros_like(mean)
+
+
 def _material(job: Job, headers: Headers) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Both materials of one file and their spread, [2, H, W] each."""
-    mean = np.stack(read_placed(job, [find_scalar(headers, name, "decompose") for name in MATERIALS]))
-    spreads = [f"{name}_std.Y" for name in MATERIALS]
+    mean = np.stack(read_placed(job, [find_scalar(headers, name, "decompose") for name in MATERIAL]))
+    spreads = [f"{name}_std.Y" for name in MATERIAL]
     channels = {channel.label: channel for channel in channels_of(headers, None, "decompose")}
     known = all(name in channels for name in spreads)
     spread = read_placed(job, [channels[name] for name in spreads]) if known else np.zeros_like(mean)
     return mean, np.stack(list(spread))
-
-
-def _single(job: Job, headers: Headers, name: str) -> NDArray[np.float32]:
-    """A pass that has a file of its own, [H, W] raw data; models that paint it in three channels mean their average."""
-    alone = {channel.name: channel for channel in channels_of(headers, None, "decompose")}
-    for channel in (f"{name}.Y", "Y"):
-        if channel in alone:
-            return read_placed(job, [alone[channel]])[0]
-    if {"R", "G", "B"} <= set(alone):
-        return np.stack(read_placed(job, [alone[c] for c in "RGB"])).mean(0).astype(np.float32)
-    return read_placed(job, [find_scalar(headers, name, "decompose")])[0]
 
 
 def read_flow(job: Job, frame: int) -> NDArray[np.float32]:

@@ -10,7 +10,7 @@ from yesnt.planning.task_records import DecomposeTask, WindowTask
 
 def needs_gpu(shot: Shot) -> bool:
     """Whether the job decomposes with a backend that is made for a GPU."""
-    return shot.decompose.path is None and ENTRIES[shot.decompose.backend].gpu
+    return shot.decompose.samples_backend and ENTRIES[shot.decompose.backend].gpu
 
 
 def runs_on_gpu(node: Node) -> bool:

@@ -20,7 +20,7 @@ from yesnt.planning import settings as of
 from yesnt.planning.chunks import ChunkPlan
 from yesnt.planning.exchange import Exchange
 from yesnt.planning.keyed_settings import changed_keys
-from yesnt.planning.stages import STAGES
+from yesnt.planning.stages import CORRECT, DECOMPOSE, STAGES
 from yesnt.planning.task_records import Gaps
 from yesnt.temporal.outliers import OUTLIER_HALO
 
@@ -66,6 +66,11 @@ class ShotPlan:
         return tuple(f for f in self.job.frames[:-1] if f not in self.unlinked)
 
     @property
+    def observed(self) -> StageId:
+        """The stage whose materials the temporal solve observes."""
+        return CORRECT if self.job.shot.corrected else DECOMPOSE
+
+    @property
     def gaps(self) -> Gaps:
         """Frames that the solver does without."""
         return Gaps(self.absent, self.unlinked)
@@ -84,7 +89,7 @@ class ShotPlan:
     def arrays(self) -> dict[str, ArrayForm]:
         """Arrays of the store and the channel that each holds; for bands with their rows."""
         arrays: dict[str, ArrayForm] = {}
-        for row in STAGES.values():
+        for row in (row for row in STAGES.values() if self.job.shot.corrected or not row.optional):
             lanes = self.lanes if row.in_lanes else (StageId(row.name),)
             arrays |= {stage.array(channel): channel for stage in lanes for channel in row.channels}
         return arrays | self.exchange.arrays()

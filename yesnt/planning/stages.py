@@ -51,6 +51,7 @@ class Stage:
         color: in plots, as CSS.
         tasks: the function that runs each kind of task record, as `module:function`.
         in_lanes: its arrays are stored per lane of windows (`StageId.lane`) and removed once they are blended.
+        optional: it runs only for jobs that ask for it, and has arrays only there.
         streams: its tasks read frame by frame, so that their memory does not grow with the frames they load.
         former_name: folder of its records in outputs of older versions.
     """
@@ -65,6 +66,7 @@ class Stage:
     channels: tuple[str, ...] = ()
     files: tuple[str, ...] = ()
     in_lanes: bool = False
+    optional: bool = False
     streams: bool = False
     former_name: str = ""
 
@@ -96,6 +98,12 @@ _ROWS = (
         Cost(0.05, 2.0, 350, 150, 4, scheduler_seconds=1), "#8cb369",
         {records.FlowTask: "yesnt.tasks.flow:estimate_flow"},
         channels=("flow", "validity"),
+    ),
+    Stage(
+        "correct", 1, "frame", "observed, spread, plate, masks and passes of one quantity (only jobs that correct)",
+        Cost(0.05, 1.0, 400, 120, 3), "#7f7f4f",
+        {records.CorrectTask: "yesnt.tasks.correct:correct_materials"},
+        channels=("corrected", "corrected_spread", "certain"), optional=True,
     ),
     Stage(
         "confidence", 4, "chunk with halo", "observed, spread, flow, validity",
@@ -142,7 +150,7 @@ STAGES = {row.name: row for row in _ROWS}
 FORMER_ARRAYS = ("evaluations",)
 """Arrays of the store in outputs of older versions; a run removes them."""
 
-WINDOW, DECOMPOSE, FLOW, CONFIDENCE, SOLVE, RELIGHT, COMPOSITE, PREVIEW = map(StageId, STAGES)
+WINDOW, DECOMPOSE, FLOW, CORRECT, CONFIDENCE, SOLVE, RELIGHT, COMPOSITE, PREVIEW = map(StageId, STAGES)
 
 SEGMENT = StageId("preview", part="segment")
 """Segments of the preview video."""

@@ -90,6 +90,11 @@ class FlowTask(TaskRecord):
 
 
 @dataclass(frozen=True)
+class CorrectTask(TaskRecord):
+    """Corrects the observed materials of one frame by the job's passes of one quantity and overrides."""
+
+
+@dataclass(frozen=True)
 class ConfidenceTask(TaskRecord):
     """Data weights of the frames of a node.
 

@@ -23,13 +23,14 @@ from yesnt.core.shot import Job
 from yesnt.io import shot_inputs
 from yesnt.io.fact_cache import FactCache
 from yesnt.io.job_colors import Statement, check_statement, first_statements
-from yesnt.io.jobfile import frame_path, frames_on_disk, pass_patterns
+from yesnt.io.jobfile import correction_patterns, frame_path, frames_on_disk, pass_files
 from yesnt.io.mesh import read_mesh
 from yesnt.io.output import OutputFolder
 from yesnt.io.pictures.image import read_header
 from yesnt.io.pictures.placed import check_fits
 from yesnt.io.preview import has_video
 from yesnt.io.records import digest_of
+from yesnt.runtime.correction_checks import CorrectionChecks, correction_facts, corrections_of
 from yesnt.runtime.preflight import READERS, Resolved
 
 STORE_BYTES_PER_PIXEL = 80
@@ -82,19 +83,22 @@ class InputChecks:
         Raises:
             JobError: one of them cannot be used.
         """
-        counts = Counter[str]()
+        counts, corrections = Counter[str](), CorrectionChecks(self._job)
         try:
             for done, found in enumerate(parallel_map(self._frame, self._job.frames, READERS), 1):
                 counts += Counter(found["counts"])
+                corrections.add(found.get("corrections"))
                 self._progress("Checking frames", done, len(self._job.frames))
             warnings = [f"{what}: {count} in the shot" for what, count in sorted(counts.items())]
-            return warnings + list(self._maps())
+            return warnings + corrections.warnings() + list(self._maps())
         finally:
             self.facts.save()
 
     def material_ranges(self) -> tuple[tuple[float, float], tuple[float, float]] | None:
         """Smallest and largest roughness and metallic inside the mattes, of passes that the job brings; else None."""
-        found = [self._frame(frame)["range"] for frame in self._job.frames if self._job.shot.decompose.path]
+        shot = self._job.shot
+        exact = not shot.decompose.samples_backend and not shot.materials
+        found = [self._frame(frame)["range"] for frame in self._job.frames if exact]
         ranges = np.array([one for one in found if one is not None])  # [frames, (least, most), (roughness, metallic)]
         if not len(ranges):
             return None
@@ -115,7 +119,7 @@ class InputChecks:
         surface = shot_inputs.read_surface(job, frame, self._camera)
         if job.shot.proxy:
             read_mesh(frame_path(job.root, job.shot.proxy.path, frame))
-        inside = shot_inputs.read_passes(job, frame)[0][:, plate.matte > 0] if job.shot.decompose.path else None
+        inside = shot_inputs.read_passes(job, frame)[0][:, plate.matte > 0] if not job.shot.decompose.samples_backend else None
         if job.shot.flow.path and frame != job.frames[-1]:
             shot_inputs.read_flow(job, frame)
         shot_inputs.read_background(job, frame)
@@ -129,7 +133,8 @@ class InputChecks:
         }
         known = inside is not None and inside.size > 0
         span = [inside.min(axis=1).tolist(), inside.max(axis=1).tolist()] if known and inside is not None else None
-        return {"counts": {what: count for what, count in counts.items() if count}, "range": span}
+        met = {"corrections": correction_facts(job, frame, plate.matte)} if job.shot.corrected else {}
+        return {"counts": {what: count for what, count in counts.items() if count}, "range": span, **met}
 
     def _frame_key(self, frame: int) -> str:
         """Digest of everything that the check of a frame depends on."""
@@ -146,7 +151,7 @@ class InputChecks:
             "background": shot.background.path if shot.background else None,
             "flow": shot.flow.path if frame != job.frames[-1] else None,
         }  # fmt: skip
-        patterns |= pass_patterns(shot.decompose.path) if shot.decompose.path else {}
+        patterns |= pass_files(shot.decompose) | correction_patterns(shot)
         files = {role: self._digests[str(frame_path(job.root, p, frame))] for role, p in patterns.items() if p}
         return {
             "check": "frame", "code": code_digest(), "files": files, "frame": frame,
@@ -154,6 +159,7 @@ class InputChecks:
             "reads": [s.model_dump(mode="json") for s in (shot.plate, shot.matte, shot.background, shot.gbuffer) if s],
             "colors": [asdict(getattr(job.colors, role)) for role in ("plate_working", "background")],
             "stated": [asdict(self._statements[role]) for role in ("plate", "background") if role in self._statements],
+            "corrects": corrections_of(shot),
         }  # fmt: skip
 
     @cached_property

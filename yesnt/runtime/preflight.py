@@ -14,7 +14,7 @@ from yesnt.decompose.identity import BackendIdentity, identify_backend
 from yesnt.decompose.registry import find_weights
 from yesnt.io.file_digests import FileDigests
 from yesnt.io.job_colors import resolve_colors
-from yesnt.io.jobfile import frame_path, load_shot, parse_frames, pass_patterns
+from yesnt.io.jobfile import frame_path, load_shot, parse_frames, pass_files
 from yesnt.io.output import OutputFolder
 from yesnt.planning import settings as of
 from yesnt.temporal.flow import LEARNED
@@ -74,7 +74,7 @@ def resolve(path: str | Path, accept_license: tuple[str, ...] = (), progress: Pr
     job = Job(shot=shot, root=root, frames=frames, width=camera.width, height=camera.height)
     _check_knobs(shot)
     backend = None
-    if shot.decompose.path is None:
+    if shot.decompose.samples_backend:
         chosen = shot.decompose
         weights = of.weights_path(root, shot)
         backend = identify_backend(chosen.backend, weights, chosen.accept_license, of.backend_knobs(shot))
@@ -113,8 +113,8 @@ def _sequences(shot: Shot) -> Iterable[str]:
     yield shot.gbuffer.path
     if shot.proxy:
         yield shot.proxy.path
-    if shot.decompose.path:
-        yield from pass_patterns(shot.decompose.path).values()
+    yield from pass_files(shot.decompose).values()
+    yield from (one.path for one in shot.materials)
     if shot.background:
         yield shot.background.path
 

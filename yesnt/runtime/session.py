@@ -150,7 +150,7 @@ class Session:
         """Frames without decomposition, without flow, and without delivery."""
         missing = missing or Missing(self.marked_dead())
         undelivered = missing.frames("confidence", "solve", "relight", "composite")
-        return missing.frames("decompose", "window"), missing.frames("flow"), undelivered
+        return missing.frames("decompose", "window", "correct"), missing.frames("flow"), undelivered
 
     def _make_plan(self, *lost: frozenset[int]) -> ShotPlan:
         return ShotPlan(self.job, self.resolved.digests, self.resolved.backend, self.chunks, *lost)

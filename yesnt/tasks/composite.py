@@ -12,9 +12,10 @@ from yesnt.core.shot import Job
 from yesnt.io.color_config import convert
 from yesnt.io.exr import write_exr
 from yesnt.io.file_digests import file_digest
-from yesnt.planning.stages import DECOMPOSE, RELIGHT, SOLVE
+from yesnt.planning.stages import RELIGHT, SOLVE
 from yesnt.planning.task_records import CompositeTask
 from yesnt.tasks.light import LightFiles, backdrop
+from yesnt.tasks.observations import spread
 from yesnt.tasks.workspace import Workspace
 
 Float32 = NDArray[np.float32]
@@ -42,7 +43,7 @@ def composite(space: Workspace[CompositeTask]) -> None:
             "specular": specular * plate.matte,
             "shadow": shadow,
             "material": space.read(SOLVE, "material", frame),
-            "spread": space.read(DECOMPOSE, "spread", frame),
+            "spread": spread(space, frame),
             "normal": _unit(surface.normal).transpose(2, 0, 1),
             "z": surface.z[None],
         }

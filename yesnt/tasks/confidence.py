@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.decompose.confidence import confidence
-from yesnt.planning.stages import DECOMPOSE, FLOW
+from yesnt.planning.stages import FLOW
 from yesnt.planning.task_records import ConfidenceTask
 from yesnt.tasks.memory import trim_memory
-from yesnt.tasks.observations import observed
+from yesnt.tasks.observations import certain, observed, spread
 from yesnt.tasks.workspace import Workspace
 from yesnt.temporal.outliers import FrameConsistency, OutlierSettings, frame_consistency
 from yesnt.temporal.tracks import ObservedFrame
@@ -46,8 +46,9 @@ def _timed(
 
 
 def _commit(space: Workspace[ConfidenceTask], frame: int, found: FrameConsistency) -> None:
+    given = 0.0 if frame in space.task.gaps.absent else certain(space, frame)
     with space.kernel():
-        values = _ensemble_confidence(space, frame) * found.weight
+        values = np.maximum(_ensemble_confidence(space, frame) * found.weight, given)
     facts = {
         "inconsistent": [frame] if found.ratio > OutlierSettings().limit else [],
         "ratio": found.ratio, "downweighted": found.downweighted,
@@ -72,4 +73,4 @@ def _ensemble_confidence(space: Workspace[ConfidenceTask], frame: int) -> Float3
     """1 - spread of the ensemble [2, H, W]; 0 for a frame without a decomposition."""
     if frame in space.task.gaps.absent:
         return np.zeros((2, space.job.height, space.job.width), np.float32)
-    return confidence(space.read(DECOMPOSE, "spread", frame))
+    return confidence(spread(space, frame))

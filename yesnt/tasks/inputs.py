@@ -17,20 +17,22 @@ from yesnt.core.camera import Camera
 from yesnt.core.errors import JobError
 from yesnt.core.shot import Job
 from yesnt.io import shot_inputs
+from yesnt.io.corrections import CorrectionFacts, read_overrides
 from yesnt.io.file_digests import file_digest
-from yesnt.io.jobfile import frame_path, pass_patterns
+from yesnt.io.jobfile import correction_patterns, frame_path, pass_files
 from yesnt.io.records import RecordBook
 from yesnt.planning.graph import Node
-from yesnt.planning.stages import DECOMPOSE, FLOW, RELIGHT
+from yesnt.planning.stages import CORRECT, DECOMPOSE, FLOW, RELIGHT
 
 if TYPE_CHECKING:
     import numpy as np
 
+    from yesnt.decompose.corrections import Override
     from yesnt.io.mesh import Mesh
 
 T = TypeVar("T")
 
-_READERS_OF_INPUTS = (RELIGHT, DECOMPOSE, FLOW)
+_READERS_OF_INPUTS = (RELIGHT, CORRECT, DECOMPOSE, FLOW)
 """Stages whose records name plates, G-buffers and cameras; a later stage looks their digests up there."""
 
 
@@ -118,11 +120,16 @@ class TaskInputs:
 
     def passes(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Mean and spread [2, H, W] of the material passes of the node's frame."""
-        frame, pattern = self._node.frames[0], self._job.shot.decompose.path
-        assert pattern is not None
-        found = shot_inputs.read_passes(self._job, frame)
-        for name, one in pass_patterns(pattern).items():
-            self._prove(name, one)
+        found = shot_inputs.read_passes(self._job, self._node.frames[0])
+        for name, pattern in pass_files(self._job.shot.decompose).items():
+            self._prove(name, pattern)
+        return found
+
+    def overrides(self, matte: NDArray[np.float32]) -> tuple[list[Override], CorrectionFacts]:
+        """Corrections of the materials of the node's frame, whose matte [H, W] this is."""
+        found = read_overrides(self._job, self._node.frames[0], matte)
+        for role, pattern in correction_patterns(self._job.shot).items():
+            self._prove(role, pattern)
         return found
 
     def flow(self) -> NDArray[np.float32]:

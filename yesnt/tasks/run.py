@@ -39,4 +39,8 @@ def worker_modules(shot: Shot) -> tuple[str, ...]:
         "OpenEXR",
         "trimesh",
     )
-    return always if shot.decompose.path else (*always, "yesnt.decompose.ensemble", "yesnt.decompose.registry", "torch")
+    return (
+        always
+        if not shot.decompose.samples_backend
+        else (*always, "yesnt.decompose.ensemble", "yesnt.decompose.registry", "torch")
+    )

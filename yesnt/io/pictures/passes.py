@@ -118,15 +118,15 @@ def _alpha_beside(channels: Sequence[Channel], red: Channel) -> Channel | None:
     return beside[0] if beside else None
 
 
-def find_matte(headers: Headers, channel: str | None) -> tuple[Channel, ...]:
+def find_matte(headers: Headers, channel: str | None, key: str = "matte") -> tuple[Channel, ...]:
     """The channel of a matte's own file; three where it is a grey picture stored as colour, which must be equal.
 
     Raises:
         JobError: absent, or not obvious.
     """
-    channels = channels_of(headers, None, "matte")
+    channels = channels_of(headers, None, key)
     if channel is not None:
-        return (named(channels, channel, "matte"),)
+        return (named(channels, channel, key),)
     alphas = [c for c in channels if c.component.lower() in ALPHA and not c.layer]
     if len(channels) == 1 or len(alphas) == 1:
         return ((alphas or channels)[0],)
@@ -135,7 +135,7 @@ def find_matte(headers: Headers, channel: str | None) -> tuple[Channel, ...]:
         return tuple(groups[0].values())
     raise JobError(
         "The matte's file has several channels", headers[0].path, f"one of {labels(channels)}",
-        "name it with `channel:` of key matte",
+        f"name it with `channel:` of key {key}",
     )  # fmt: skip
 
 

@@ -149,7 +149,7 @@ def open_plan(subject: Subject, output: Path, options: EvalOptions) -> EvalPlan:
     try:
         session = _session(home, _absolute(shot, subject, options))
     except JobError as error:
-        if shot.decompose.path is not None or "weights" not in error.what:
+        if not shot.decompose.samples_backend or "weights" not in error.what:
             raise
         lacking = f"no decomposition: {error.what[0].lower()}{error.what[1:]}"
         true = _absolute(shot, subject, options)

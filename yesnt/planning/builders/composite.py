@@ -8,7 +8,7 @@ from yesnt.planning.builders.assemble import frame_keys, frame_node, node_fields
 from yesnt.planning.graph import Graph, Node
 from yesnt.planning.keyed_settings import changed_fields, changed_keys, shared
 from yesnt.planning.shot_plan import ShotPlan
-from yesnt.planning.stages import COMPOSITE, DECOMPOSE, RELIGHT
+from yesnt.planning.stages import COMPOSITE, RELIGHT
 from yesnt.planning.task_records import CompositeTask
 
 
@@ -25,10 +25,10 @@ def composite_nodes(plan: ShotPlan, graph: Graph) -> Iterator[Node]:
     )
     for frame in plan.delivered:
         inputs = plan.inputs(frame, **_backdrop(plan))
-        upstream = frame_keys(graph, frame, [RELIGHT, DECOMPOSE])
+        upstream = frame_keys(graph, frame, [RELIGHT, plan.observed])
         fields = node_fields(plan, COMPOSITE, settings, upstream, inputs=inputs)
         task = CompositeTask(plan.job_digest)
-        needs = [graph.committer(stage, frame) for stage in (RELIGHT, DECOMPOSE)]
+        needs = [graph.committer(stage, frame) for stage in (RELIGHT, plan.observed)]
         yield frame_node(plan, COMPOSITE, frame, fields, task, needs)
 
 

@@ -9,7 +9,7 @@ from yesnt.planning.builders.assemble import ids, node_fields, node_keys
 from yesnt.planning.graph import Graph, Node
 from yesnt.planning.keyed_settings import changed_keys, shared
 from yesnt.planning.shot_plan import ShotPlan
-from yesnt.planning.stages import CONFIDENCE, DECOMPOSE, FLOW
+from yesnt.planning.stages import CONFIDENCE, FLOW
 from yesnt.planning.task_records import ConfidenceTask
 
 
@@ -28,7 +28,7 @@ def confidence_nodes(plan: ShotPlan, graph: Graph) -> Iterator[Node]:
 
 
 def observations(plan: ShotPlan, graph: Graph, loaded: Span) -> list[Node]:
-    """Nodes of the decomposition and of the flow that a span of frames is solved from."""
+    """Nodes of the observed materials and of the flow that a span of frames is solved from."""
     frames = [plan.job.frames[p] for p in loaded]
-    found = [graph.committer(DECOMPOSE, frame) for frame in frames if frame not in plan.absent]
+    found = [graph.committer(plan.observed, frame) for frame in frames if frame not in plan.absent]
     return found + [graph.committer(FLOW, frame) for frame in frames[:-1] if frame not in plan.unlinked]

@@ -7,12 +7,12 @@ from collections.abc import Iterable, Iterator
 from yesnt.core.stage_id import StageId
 from yesnt.decompose.settings import REUSE_ONLY
 from yesnt.decompose.window import Window
-from yesnt.io.jobfile import pass_patterns
+from yesnt.io.jobfile import pass_files
 from yesnt.io.records import SharedSettings
 from yesnt.planning import settings as of
 from yesnt.planning.builders.assemble import frame_keys, frame_node, node_fields, node_keys
 from yesnt.planning.graph import Graph, Node
-from yesnt.planning.keyed_settings import changed_fields, shared
+from yesnt.planning.keyed_settings import changed_fields, changed_keys, shared
 from yesnt.planning.shot_plan import ShotPlan
 from yesnt.planning.stages import DECOMPOSE, FLOW
 from yesnt.planning.task_records import BlendWindowsTask, DecomposeTask, ReadPassesTask, TaskRecord, WindowTask
@@ -81,12 +81,14 @@ def _blended_node(plan: ShotPlan, graph: Graph, frame: int, covering: list[Windo
 
 def _inputs(plan: ShotPlan, frame: int) -> dict[str, str]:
     shot = plan.job.shot
-    passes = pass_patterns(shot.decompose.path) if shot.decompose.path else {}
+    passes = {} if shot.decompose.samples_backend else pass_files(shot.decompose)
     return plan.plate_inputs(frame) | plan.inputs(frame, **passes)
 
 
 def _passes(plan: ShotPlan) -> SharedSettings:
-    return shared(passes="made before", **plan.plate_settings)
+    quantities = plan.job.shot.decompose.quantities
+    given = {name: changed_keys(one, {"path"}) for name, one in quantities.items()}
+    return shared(passes="made before", quantities=given, **plan.plate_settings)
 
 
 def _sampling(plan: ShotPlan) -> SharedSettings:

@@ -1,0 +1,69 @@
+"""Reads a pass that holds one quantity of the material."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yesnt.core.errors import JobError
+from yesnt.core.shot import Job, QuantityInput
+from yesnt.io.jobfile import frame_path
+from yesnt.io.pictures.channels import channels_of, named
+from yesnt.io.pictures.image import read_headers
+from yesnt.io.pictures.passes import Headers, find_scalar
+from yesnt.io.pictures.placed import read_placed
+
+F32 = NDArray[np.float32]
+
+
+def single_pass(job: Job, headers: Headers, name: str) -> F32:
+    """A pass that has a file of its own, [H, W] raw data; models that paint it in three channels mean their average."""
+    alone = {channel.name: channel for channel in channels_of(headers, None, "decompose")}
+    for channel in (f"{name}.Y", "Y"):
+        if channel in alone:
+            return read_placed(job, [alone[channel]])[0]
+    if {"R", "G", "B"} <= set(alone):
+        return np.stack(read_placed(job, [alone[c] for c in "RGB"])).mean(0).astype(np.float32)
+    return read_placed(job, [find_scalar(headers, name, "decompose")])[0]
+
+
+def read_quantity(job: Job, name: str, spec: QuantityInput, frame: int, matte: F32) -> tuple[F32, int]:
+    """A pass of one quantity [H, W] in [0, 1], and how many of its values inside the matte were outside that.
+
+    Args:
+        job: the job.
+        name: the quantity.
+        spec: file, channel, and whether values are multiplied by coverage.
+        frame: frame number.
+        matte: [H, W] coverage; outside it the pass is not looked at.
+
+    Raises:
+        JobError: it cannot be read, or is NaN or infinite inside the matte.
+    """
+    key = f"decompose.{name}"
+    headers = read_headers(frame_path(job.root, spec.path, frame))
+    if spec.channel is None:
+        plane = single_pass(job, headers, name)
+    else:
+        plane = read_placed(job, [named(channels_of(headers, None, key), spec.channel, key)])[0]
+    inside = matte > 0
+    if spec.alpha == "premultiplied":
+        plane = np.where(inside, plane / np.where(inside, matte, 1), 0).astype(np.float32)
+    refuse_not_finite(plane, inside, headers[0].path, key)
+    plane = np.where(inside, plane, 0)
+    return np.clip(plane, 0, 1), int(((plane < 0) | (plane > 1)).sum())
+
+
+def refuse_not_finite(plane: F32, inside: NDArray[np.bool_], path: str, what: str) -> None:
+    """Refuses a plane [H, W] that is not finite inside the matte.
+
+    Raises:
+        JobError: as said.
+    """
+    bad = ~np.isfinite(plane) & inside
+    if bad.any():
+        y, x = (int(v[0]) for v in np.nonzero(bad))
+        raise JobError(
+            f"{int(bad.sum())} values inside the matte are NaN or Inf in {what}", f"{path}, first at x={x} y={y}",
+            "finite numbers", "mend this picture",
+        )  # fmt: skip

@@ -16,7 +16,8 @@ from typing import Any
 import pytest
 from pydantic import BaseModel
 
-from yesnt.core.shot import CaptureInput, DecomposeInput, ExrOutput, FlowInput, GBufferInput, LightInput, PlateInput
+from yesnt.core.shot import CaptureInput, DecomposeInput, ExrOutput, FlowInput, GBufferInput, LightInput, MaterialInput
+from yesnt.core.shot import PlateInput, QuantityInput
 from yesnt.core.shot import TemporalInput as Temporal
 from yesnt.decompose.settings import EnsembleSettings
 from yesnt.planning.stages import STAGES
@@ -29,6 +30,7 @@ FILE = Path(__file__).with_name("defaults.json")
 SETTINGS: dict[str, tuple[type, ...]] = {
     "decompose": (PlateInput, DecomposeInput, EnsembleSettings),
     "flow": (PlateInput, FlowInput, FlowSettings),
+    "correct": (PlateInput, QuantityInput, MaterialInput),
     "confidence": (Temporal,),
     "solve": (Temporal, EnergyParams),
     "relight": (PlateInput, GBufferInput, LightInput, CaptureInput, RelightSettings),

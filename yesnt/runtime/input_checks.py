@@ -119,7 +119,11 @@ class InputChecks:
         surface = shot_inputs.read_surface(job, frame, self._camera)
         if job.shot.proxy:
             read_mesh(frame_path(job.root, job.shot.proxy.path, frame))
-        inside = shot_inputs.read_passes(job, frame)[0][:, plate.matte > 0] if not job.shot.decompose.samples_backend else None
+        inside = (
+            shot_inputs.read_passes(job, frame)[0][:, plate.matte > 0]
+            if not job.shot.decompose.samples_backend
+            else None
+        )
         if job.shot.flow.path and frame != job.frames[-1]:
             shot_inputs.read_flow(job, frame)
         shot_inputs.read_background(job, frame)

@@ -137,7 +137,7 @@ def _named_like_cryptomattes(groups: Sequence[Mapping[str, Channel]]) -> list[st
 
 
 def _layers(groups: Sequence[Mapping[str, Channel]], name: str) -> tuple[Mapping[str, Channel], ...]:
-    """Layers NAME00, NAME01, ... in order; the part's name may stand before them."""
+    """Layers NAME00, NAME01, ... in order, with or without the name of their part."""
     ranked = {}
     for group in groups:
         for layer in group["R"].layers:

@@ -16,8 +16,17 @@ from typing import Any
 import pytest
 from pydantic import BaseModel
 
-from yesnt.core.shot import CaptureInput, DecomposeInput, ExrOutput, FlowInput, GBufferInput, LightInput, MaterialInput
-from yesnt.core.shot import PlateInput, QuantityInput
+from yesnt.core.shot import (
+    CaptureInput,
+    DecomposeInput,
+    ExrOutput,
+    FlowInput,
+    GBufferInput,
+    LightInput,
+    MaterialInput,
+    PlateInput,
+    QuantityInput,
+)
 from yesnt.core.shot import TemporalInput as Temporal
 from yesnt.decompose.settings import EnsembleSettings
 from yesnt.planning.stages import STAGES

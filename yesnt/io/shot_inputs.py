@@ -24,7 +24,6 @@ from yesnt.io.pictures.passes import Headers, find_color, find_matte, find_norma
 from yesnt.io.pictures.placed import read_placed
 from yesnt.io.pictures.surface import planar_z, world_normals
 
-
 AS_IT_IS = Conversion()
 """Linear Rec.709 that stays it."""
 

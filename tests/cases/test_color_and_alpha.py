@@ -163,7 +163,6 @@ def test_the_same_light_in_and_out_gives_the_plate(tmp_path: Path, value: float)
     assert deliver(folder).centre() == pytest.approx([value] * 3, rel=2e-3)
 
 
-@until_files_are_read()
 @pytest.mark.parametrize("value", [2.0, 20.0])
 def test_a_base_colour_above_1_survives_or_is_counted(tmp_path: Path, value: float) -> None:
     folder = write_shot(tmp_path / "s")
@@ -172,7 +171,6 @@ def test_a_base_colour_above_1_survives_or_is_counted(tmp_path: Path, value: flo
     assert outcome.reported or outcome.centre() == pytest.approx([value] * 3, rel=2e-3)
 
 
-@until_files_are_read()
 def test_a_base_colour_that_no_surface_can_have_is_counted(tmp_path: Path) -> None:
     folder = write_shot(tmp_path / "s")
     write(folder / PLATE, rgba(0.02, SPHERE.matte))  # less than what the surface reflects without any base colour

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.cases.marks import until_files_are_read
 from tests.cases.shots import (
     FRAME,
     POSE,
@@ -92,7 +91,6 @@ def test_inputs_that_agree_raise_no_warning(tmp_path: Path) -> None:
     assert not check(write_checked_shot(tmp_path / "s")).reported
 
 
-@until_files_are_read()
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_a_contradiction_is_reported(tmp_path: Path, mistake: str) -> None:
     folder = write_checked_shot(tmp_path / "s")

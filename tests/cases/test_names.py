@@ -9,13 +9,11 @@ from pathlib import Path
 import pytest
 from fileseq.exceptions import FileSeqException
 
-from tests.cases.marks import until_files_are_read
 from tests.cases.shots import FRAME, check, write_shot
 from yesnt.core.errors import UsageError
 from yesnt.io.jobfile import parse_frames
 
 
-@until_files_are_read()
 @pytest.mark.parametrize("folder", ["50%d", "a#b"])
 def test_a_folder_may_hold_the_signs_of_a_frame_number(tmp_path: Path, folder: str) -> None:
     shot = write_shot(tmp_path / "s", plate={"path": f"{folder}/plate.####.exr"})
@@ -28,14 +26,12 @@ def test_a_folder_may_hold_the_signs_of_a_frame_number(tmp_path: Path, folder: s
     assert refusal == ""
 
 
-@until_files_are_read()
 def test_a_single_file_may_hold_a_number_between_dots(tmp_path: Path) -> None:
     shot = write_shot(tmp_path / "s", camera="cam.01.json")
     (shot / "camera.json").rename(shot / "cam.01.json")
     assert check(shot).refusal == ""
 
 
-@until_files_are_read()
 def test_a_windows_path_is_named_as_that(tmp_path: Path) -> None:
     shot = write_shot(tmp_path / "s", plate={"path": r"C:\shots\plate.####.exr"})
     refusal = check(shot).refusal

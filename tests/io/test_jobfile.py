@@ -108,14 +108,40 @@ def test_a_sparse_list_is_parsed_in_linear_time() -> None:
     assert seconds(6000) < 2  # 3,000 numbers took 32 s
 
 
-@pytest.mark.parametrize(
-    "pattern", ["/a/b.####.exr", "~/p.%04d.exr", "p.@.exr", "still.exr", "p.#.tar.gz", "cam.01.json"]
-)
+@pytest.mark.parametrize("pattern", ["/a/b.####.exr", "~/p.%04d.exr", "p.@.exr", "still.exr", "p.#.tar.gz"])
 @pytest.mark.parametrize("frame", [-12345, -5, 0, 7, 123456])
 def test_paths_are_those_of_fileseq(pattern: str, frame: int) -> None:
     sequence = FileSequence(pattern, pad_style=PAD_STYLE_HASH1)
     name = sequence.frame(frame) if sequence.padding() else pattern
     assert frame_path("/root", pattern, frame) == Path("/root") / Path(name).expanduser()
+
+
+@pytest.mark.parametrize("pattern", ["cam.01.json", "still.1001.exr", "50%d/still.exr", "a#b/c@d/$F4/p.exr"])
+def test_only_the_name_of_a_file_has_a_frame_number(tmp_path: Path, pattern: str) -> None:
+    assert frame_path(tmp_path, pattern, 7) == tmp_path / pattern
+    assert frames_on_disk(tmp_path, pattern) == set()
+
+
+def test_folders_keep_signs_of_a_frame_number(tmp_path: Path) -> None:
+    (tmp_path / "50%d#").mkdir()
+    for name in ("p.0007.exr", "p.12345.exr", "p.00012.exr", "p.7.exr", "q.0008.exr", "p.0009.exr.tmp"):
+        (tmp_path / "50%d#" / name).touch()
+    assert frame_path(tmp_path, "50%d#/p.####.exr", 7) == tmp_path / "50%d#" / "p.0007.exr"
+    assert frames_on_disk(tmp_path, "50%d#/p.####.exr") == {7, 12345}
+
+
+def test_a_name_of_two_frame_numbers_is_refused() -> None:
+    with pytest.raises(JobError, match=r"name of a sequence cannot be understood.*a#b\.%d\.exr"):
+        frame_path("/root", "a#b.%d.exr", 7)
+
+
+@pytest.mark.parametrize(
+    "value", [r"C:\\shots\\p.####.exr", "C:/shots/p.####.exr", r"\\\\server\\p.exr", r"plate\\p.exr"]
+)
+def test_windows_paths_are_named_as_that(tmp_path: Path, value: str) -> None:
+    text = yaml.safe_dump({k: v for k, v in GOOD.items() if k != "plate"})
+    with pytest.raises(JobError, match=r"'plate.path' is a Windows path.*line 9"):
+        load_shot(job(tmp_path, text + f'plate: {{path: "{value}"}}\n'))
 
 
 @pytest.mark.parametrize("pattern", ["p.####.exr", "p.%04d.exr", "p.@@@@.exr", "p.$F4.exr"])

@@ -1,4 +1,4 @@
-"""The parsed text of `camera.json`, and of one camera of `cameras.json`, checked and converted (docs/contract.md)."""
+"""The parsed text of `camera.json`, and of one camera of `cameras.json`, checked and converted (docs/files.md)."""
 
 from __future__ import annotations
 

@@ -62,13 +62,19 @@ class MatteInput(_Part):
 
 
 class GBufferInput(_Part):
-    """Planar z in metres and normals; the values name channels. Where the defaults are absent, well-known names are."""
+    """Depth and normals; `z` and `normal` name channels; where the defaults are absent, well-known names are.
+
+    Depth is planar, the distance along the ray, or the inverse of planar depth (`z_kind`). Normals of a camera are in
+    OpenCV's axes (y down, z away from the viewer) or in OpenGL's, Blender's and Nuke's (y up, z towards the viewer).
+    """
 
     path: str
     z: str = "depth.Z"
     normal: str = "N"
     view: str | None = None
-    normal_space: Literal["world", "camera"] = "world"
+    normal_space: Literal["world", "camera", "camera_opengl"] = "world"
+    z_kind: Literal["planar", "ray", "inverse"] = "planar"
+    units: Literal["m", "cm", "mm"] = "m"
 
 
 FIXED, KEYED, SCALED = "(fixed)", "(by frame)", "(scaled)"

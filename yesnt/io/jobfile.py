@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -47,9 +48,12 @@ def load_shot(path: Path) -> Shot:
         ) from error
     _refuse_twice(path, node)
     try:
-        return Shot.model_validate(data)
+        shot = Shot.model_validate(data)
     except ValidationError as error:
         raise _job_error(path, node, error) from error
+    if os.sep == "/":
+        _refuse_windows_paths(path, node, shot)
+    return shot
 
 
 def parse_frames(text: str, where: str) -> tuple[int, ...]:
@@ -97,12 +101,23 @@ def _whole(frame: object) -> int:
     return int(str(frame).partition(".")[0])
 
 
+_FRAME_SIGN = re.compile(r"#|@|%\d*d|\$F\d*|<UDIM>|%\(UDIM\)d")
+"""What stands for a frame number in the name of a file."""
+
+
 @lru_cache(maxsize=64)
-def _sequence(pattern: str) -> Any:
+def _sequence(name: str) -> Any:
     from fileseq import FileSequence
     from fileseq.constants import PAD_STYLE_HASH1  # '####' is four digits, as in Nuke and RV
+    from fileseq.exceptions import FileSeqException
 
-    return FileSequence(pattern, pad_style=PAD_STYLE_HASH1)
+    try:
+        return FileSequence(name, pad_style=PAD_STYLE_HASH1)
+    except FileSeqException as error:
+        raise JobError(
+            "The name of a sequence cannot be understood", name,
+            "one frame number, as ####, %04d, @@@@ or $F4, in the file's name", "rename the files",
+        ) from error  # fmt: skip
 
 
 _TAG = "("
@@ -113,14 +128,16 @@ PASS = "{pass}"
 
 
 def has_frame_number(pattern: str) -> bool:
-    """Whether a path has a place for a frame number (####, %04d, @@@@, $F4)."""
-    return bool(_sequence(pattern).padding())
+    """Whether a file's name has a place for a frame number (####, %04d, @@@@, $F4); its folders have none."""
+    return bool(_FRAME_SIGN.search(os.path.basename(pattern)))
 
 
 def frame_path(root: str | Path, pattern: str, frame: int) -> Path:
     """The file of one frame; a pattern without a frame number is the same file for every frame."""
-    name = _sequence(pattern).frame(frame) if has_frame_number(pattern) else pattern
-    return Path(os.path.expanduser(root)) / os.path.expanduser(str(name))
+    folder, name = os.path.split(pattern)
+    if has_frame_number(pattern):
+        name = str(_sequence(name).frame(frame))
+    return Path(os.path.expanduser(root)) / os.path.expanduser(os.path.join(folder, name))
 
 
 def pass_patterns(pattern: str) -> dict[str, str]:
@@ -151,18 +168,12 @@ def correction_patterns(shot: Shot) -> dict[str, str]:
 
 def frames_on_disk(root: str | Path, pattern: str) -> set[int]:
     """Frame numbers of a sequence that exist as files; none for a pattern without a frame number."""
-    from fileseq import FileSequence
-    from fileseq.constants import PAD_STYLE_HASH1
-    from fileseq.exceptions import FileSeqException
-
     if not has_frame_number(pattern):
         return set()
-    path = str(Path(os.path.expanduser(root)) / os.path.expanduser(pattern))
-    try:
-        found = FileSequence.findSequenceOnDisk(path, pad_style=PAD_STYLE_HASH1)
-    except FileSeqException:  # no file of this name at all
-        return set()
-    return {int(frame) for frame in found.frameSet() or ()}
+    sequence, folder = _sequence(os.path.basename(pattern)), frame_path(root, pattern, 0).parent
+    name = re.compile(rf"{re.escape(sequence.basename())}(-?\d+){re.escape(sequence.extension())}")
+    found = (name.fullmatch(file) for file in (os.listdir(folder) if folder.is_dir() else ()))
+    return {int(match[1]) for match in found if match and sequence.frame(int(match[1])) == match[0]}
 
 
 def _read_text(path: Path) -> str:
@@ -217,6 +228,30 @@ def _refuse_twice(path: Path, node: Any) -> None:
     elif isinstance(node, yaml.SequenceNode):
         for value in node.value:
             _refuse_twice(path, value)
+
+
+_PATH_KEYS = ("path", "weights", "camera", "output")
+
+
+def _refuse_windows_paths(path: Path, node: Any, shot: Shot) -> None:
+    """On this system a backslash is a letter of a name and `C:` a folder: both would only be reported as missing."""
+    for location, value in _strings(shot.model_dump(mode="json")):
+        if location[-1] in _PATH_KEYS and re.search(r"\\|^[A-Za-z]:/", value):
+            raise JobError(
+                f"The value of {'.'.join(map(str, location))!r} is a Windows path: {value}",
+                f"{path}, line {_line(node, location)}",
+                "a path of this system with forward slashes, absolute, relative to the job file or beginning with ~",
+                "write where the folder is mounted here",
+            )
+
+
+def _strings(value: Any, location: tuple[str | int, ...] = ()) -> Iterable[tuple[tuple[str | int, ...], str]]:
+    """Every text of a section with the keys that lead to it."""
+    if isinstance(value, str):
+        yield location, value
+    elif isinstance(value, dict | list):
+        for key, inner in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from _strings(inner, (*location, key))
 
 
 def _line(node: Any, location: Sequence[str | int]) -> int:

@@ -41,6 +41,7 @@ class Plate:
         uncovered: [H, W, 3] colour that premultiplied pictures have where they cover nothing (flames, reflections), 0
             elsewhere; None: they have none.
         not_finite: how many pixels outside the matte were NaN or infinite and set to 0.
+        alpha_peak: largest value of the matte as stored.
     """
 
     color: NDArray[np.float32]
@@ -50,6 +51,7 @@ class Plate:
     has_alpha: bool = True
     uncovered: NDArray[np.float32] | None = None
     not_finite: int = 0
+    alpha_peak: float = 1.0
 
     @property
     def arrays(self) -> tuple[NDArray[np.float32], ...]:
@@ -120,11 +122,17 @@ def read_surface(job: Job, frame: int, camera: Camera) -> Surface:
     bad = _not_finite(normal)
     _refuse_inside(job, frame, bad, headers[0].path, labels(channels[1:]))
     normal = np.where(bad[..., None], 0, normal) if bad.any() else normal
-    return Surface(world_normals(normal, spec, camera, frame), planar_z(z, spec, camera))
+    return Surface(world_normals(normal, spec, camera, frame), planar_z(z, spec, camera, frame))
 
 
 def read_passes(job: Job, frame: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Roughness and metallic made elsewhere, and their spread where the file has it: two [2, H, W] in [0, 1]."""
+    mean, spread = stored_passes(job, frame)
+    return np.clip(mean, 0, 1), np.clip(spread, 0, 0.5)
+
+
+def stored_passes(job: Job, frame: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """The same as the files have it, not limited to [0, 1]; 0 where it is not finite outside the matte."""
     if job.shot.decompose.path is None:
         return _quantities(job, frame)
     patterns = pass_patterns(job.shot.decompose.path)
@@ -136,7 +144,7 @@ def read_passes(job: Job, frame: int) -> tuple[NDArray[np.float32], NDArray[np.f
         spread = np.zeros_like(mean)
     for plane, parts in zip(mean, list(headers.values()) * 2, strict=False):
         _refuse_inside(job, frame, ~np.isfinite(plane), parts[0].path, "the material")
-    return np.clip(np.nan_to_num(mean), 0, 1), np.clip(np.nan_to_num(spread), 0, 0.5)
+    return np.nan_to_num(mean), np.nan_to_num(spread)
 
 
 def _quantities(job: Job, frame: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -204,7 +212,7 @@ def _plate(job: Job, frame: int, conversion: Conversion) -> Plate:
     negative = color < 0
     color = np.where(negative, np.float32(0), color)
     clamps = int(negative.sum()), stored.alpha_clamped, stored.has_alpha
-    return Plate(color, stored.matte, *clamps, uncovered, int(bad.sum()))
+    return Plate(color, stored.matte, *clamps, uncovered, int(bad.sum()), stored.alpha_peak)
 
 
 @dataclass(frozen=True)
@@ -222,6 +230,7 @@ class _Stored:
     own: bool
     alpha_clamped: int
     has_alpha: bool
+    alpha_peak: float
 
 
 def _stored(job: Job, role: Literal["plate", "background"], frame: int) -> _Stored:
@@ -234,13 +243,14 @@ def _stored(job: Job, role: Literal["plate", "background"], frame: int) -> _Stor
     coverage = _separate_matte(job, matte_input, frame) if matte_input else alpha
     matte = np.ones(color.shape[:2], np.float32) if coverage is None else coverage
     _refuse_nan(~np.isfinite(matte), headers[0].path, found.label)
-    beyond = (matte < 0) | (matte > 1)
+    beyond, peak = (matte < 0) | (matte > 1), float(matte.max(initial=0))
     matte = np.clip(matte, 0, 1).astype(np.float32)
     by = None
     if association(found, spec) == PREMULTIPLIED:
         by = matte if alpha is None else np.clip(alpha, 0, 1).astype(np.float32)
     own = by is not None and matte_input is None
-    return _Stored(headers[0].path, found.label, color, matte, by, own, int(beyond.sum()), coverage is not None)
+    facts = int(beyond.sum()), coverage is not None, peak
+    return _Stored(headers[0].path, found.label, color, matte, by, own, *facts)
 
 
 def _straight(stored: _Stored, conversion: Conversion) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:

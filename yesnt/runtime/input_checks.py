@@ -19,7 +19,7 @@ import numpy as np
 from yesnt.core.camera import Camera
 from yesnt.core.job_progress import Progress, no_progress
 from yesnt.core.parallel import parallel_map
-from yesnt.core.shot import Job
+from yesnt.core.shot import MATERIAL, Job
 from yesnt.io import shot_inputs
 from yesnt.io.fact_cache import FactCache
 from yesnt.io.job_colors import Statement, check_statement, first_statements
@@ -27,9 +27,12 @@ from yesnt.io.jobfile import correction_patterns, frame_path, frames_on_disk, pa
 from yesnt.io.mesh import read_mesh
 from yesnt.io.output import OutputFolder
 from yesnt.io.pictures.image import read_header
+from yesnt.io.pictures.material_pass import refuse_coded
 from yesnt.io.pictures.placed import check_fits
 from yesnt.io.preview import has_video
 from yesnt.io.records import digest_of
+from yesnt.runtime.consistency.coded import refuse_coded_alpha
+from yesnt.runtime.consistency.contradictions import contradictions
 from yesnt.runtime.correction_checks import CorrectionChecks, correction_facts, corrections_of
 from yesnt.runtime.preflight import READERS, Resolved
 
@@ -39,9 +42,21 @@ STORE_BYTES_PER_PIXEL = 80
 NEGATIVE = "plate: negative values that are read as 0"
 NOT_FINITE = "plate: pixels outside the matte that are NaN or infinite and read as 0"
 UNCOVERED = "plate: pixels with colour but no coverage, added to the composite as they are (or set `alpha: straight`)"
-NO_DEPTH = "gbuffer: pixels inside the matte without depth"
+NO_DEPTH = "gbuffer: pixels wholly inside the matte without depth"
 ALPHA_BEYOND = "plate: alpha outside 0 to 1 that is read as 0 or 1"
 NO_ALPHA = "plate: frames without alpha, and the job names no `matte:`, so that every pixel counts as the subject"
+
+EMPTY = "plate: frames whose matte is empty"
+MATERIAL_BEYOND = "decompose: roughness or metallic outside 0 to 1 that is read as 0 or 1"
+
+WHOLE = 0.99
+"""Coverage from which a pixel must have a depth: those at an edge may have been sampled beside it."""
+
+UNSEEN = 0.01
+"""Colour without coverage up to which nothing is reported: a renderer's reconstruction filter leaves it at edges."""
+
+_ASPECT = 0.01
+"""Share of a map's width by which it may differ from twice its height."""
 
 
 class InputChecks:
@@ -90,7 +105,7 @@ class InputChecks:
                 corrections.add(found.get("corrections"))
                 self._progress("Checking frames", done, len(self._job.frames))
             warnings = [f"{what}: {count} in the shot" for what, count in sorted(counts.items())]
-            return warnings + corrections.warnings() + list(self._maps())
+            return [*warnings, *corrections.warnings(), *self._maps(), *self._contradictions()]
         finally:
             self.facts.save()
 
@@ -119,26 +134,50 @@ class InputChecks:
         surface = shot_inputs.read_surface(job, frame, self._camera)
         if job.shot.proxy:
             read_mesh(frame_path(job.root, job.shot.proxy.path, frame))
-        inside = (
-            shot_inputs.read_passes(job, frame)[0][:, plate.matte > 0]
-            if not job.shot.decompose.samples_backend
-            else None
-        )
+        samples = job.shot.decompose.samples_backend
+        inside = None if samples else shot_inputs.stored_passes(job, frame)[0][:, plate.matte > 0]
         if job.shot.flow.path and frame != job.frames[-1]:
             shot_inputs.read_flow(job, frame)
         shot_inputs.read_background(job, frame)
         counts = {
             NEGATIVE: plate.clamped,
-            NO_DEPTH: int(((plate.matte > 0.5) & (surface.z == 0)).sum()),
+            NO_DEPTH: int(((plate.matte > WHOLE) & (surface.z == 0)).sum()),
             ALPHA_BEYOND: plate.alpha_clamped,
             NO_ALPHA: int(not plate.has_alpha),
             NOT_FINITE: plate.not_finite,
-            UNCOVERED: 0 if plate.uncovered is None else int((plate.uncovered != 0).any(-1).sum()),
+            UNCOVERED: 0 if plate.uncovered is None else int((np.abs(plate.uncovered) > UNSEEN).any(-1).sum()),
+            EMPTY: int(not (plate.matte > 0.5).any()),
+            MATERIAL_BEYOND: 0 if inside is None else int(((inside < 0) | (inside > 1)).sum()),
         }
+        refuse_coded_alpha(plate, f"frame {frame}")
+        for name, values in zip(MATERIAL, () if inside is None else inside, strict=False):
+            refuse_coded(values, f"decompose, frame {frame}", name)
         known = inside is not None and inside.size > 0
+        inside = np.clip(inside, 0, 1) if inside is not None else None
         span = [inside.min(axis=1).tolist(), inside.max(axis=1).tolist()] if known and inside is not None else None
         met = {"corrections": correction_facts(job, frame, plate.matte)} if job.shot.corrected else {}
         return {"counts": {what: count for what, count in counts.items() if count}, "range": span, **met}
+
+    def _contradictions(self) -> Iterable[str]:
+        """Compares the inputs of a few frames with one another."""
+        found = {}
+        for frame in self._job.probe_frames:
+            key = digest_of(self._depends(frame) | {"check": "consistency", "light": self._capture_light(frame)})
+            found[frame] = self.facts.fetch(key, partial(self._measure, frame))
+        return contradictions(found, self._job.shot.gbuffer.path)
+
+    def _measure(self, frame: int) -> dict[str, Any]:
+        from yesnt.runtime.consistency.measure import measure_frame  # imports Numba's kernels
+
+        return measure_frame(self._job, frame, self._camera)
+
+    def _capture_light(self, frame: int) -> list[Any]:
+        """The capture light's settings and the digest of its map."""
+        spec = self._job.shot.capture_light
+        if spec is None:
+            return []
+        digest = self._digests[str(frame_path(self._job.root, spec.path, frame))] if spec.path else None
+        return [spec.model_dump(mode="json"), asdict(self._job.colors.capture_light), digest]
 
     def _frame_key(self, frame: int) -> str:
         """Digest of everything that the check of a frame depends on."""
@@ -183,22 +222,31 @@ class InputChecks:
                 stated, conversion = asdict(self._statements[role]), asdict(getattr(job.colors, role))
                 depends = {"file": self._digests[str(path)], "stated": stated, "color": conversion}
                 key = digest_of({"check": "map", "code": code_digest(), "clamp": light and light.clamp, **depends})
-                for what, count in self.facts.fetch(key, partial(self._check_map, path, role)).items():
-                    yield f"{role}: {count} {what} ({path})"
+                found = self.facts.fetch(key, partial(self._check_map, path, role))
+                yield from (f"{role}: {count} {what} ({path})" for what, count in found["counts"].items())
+                width, height = found["size"]
+                if abs(width - 2 * height) > max(1, _ASPECT * width):
+                    yield (
+                        f"{role}: {path} is {width}x{height}, {width / height:.3g} to 1, and a lat-long map is 2 to 1: "
+                        "it is stretched over the sphere; a cube or a mirror ball must be converted first"
+                    )
 
-    def _check_map(self, path: Path, role: str) -> dict[str, int]:
+    def _check_map(self, path: Path, role: str) -> dict[str, Any]:
         """Decodes a map; counts what is used although it is odd."""
         check_statement(path, self._job.shot, role, self._statements[role])
         found = shot_inputs.read_radiance(path, getattr(self._job.colors, role), getattr(self._job.shot, role).clamp)
         counts = {"negative values are read as 0": found.negative, "infinite values are clamped": found.infinite}
-        return {what: count for what, count in counts.items() if count}
+        size = [found.values.shape[1], found.values.shape[0]]
+        return {"counts": {what: count for what, count in counts.items() if count}, "size": size}
 
 
 @cache
 def code_digest() -> str:
     """Digest of the modules that read and check inputs: after a change of theirs nothing is taken from memory."""
     digest = hashlib.blake2b(digest_size=16)
-    for module in sorted([*Path(shot_inputs.__file__).parent.rglob("*.py"), Path(__file__)]):
+    here = Path(__file__).parent
+    readers, cameras = Path(shot_inputs.__file__).parent.rglob("*.py"), (here.parent / "core").glob("*.py")
+    for module in sorted([*readers, *cameras, *(here / "consistency").glob("*.py"), Path(__file__)]):
         digest.update(module.read_bytes())
     return digest.hexdigest()
 

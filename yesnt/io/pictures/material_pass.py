@@ -50,6 +50,7 @@ def read_quantity(job: Job, name: str, spec: QuantityInput, frame: int, matte: F
     if spec.alpha == "premultiplied":
         plane = np.where(inside, plane / np.where(inside, matte, 1), 0).astype(np.float32)
     refuse_not_finite(plane, inside, headers[0].path, key)
+    refuse_coded(plane[inside], headers[0].path, name)
     plane = np.where(inside, plane, 0)
     return np.clip(plane, 0, 1), int(((plane < 0) | (plane > 1)).sum())
 
@@ -66,4 +67,23 @@ def refuse_not_finite(plane: F32, inside: NDArray[np.bool_], path: str, what: st
         raise JobError(
             f"{int(bad.sum())} values inside the matte are NaN or Inf in {what}", f"{path}, first at x={x} y={y}",
             "finite numbers", "mend this picture",
+        )  # fmt: skip
+
+
+def refuse_coded(values: F32, path: str, what: str) -> None:
+    """Refuses materials in 0 to 255 and the like, which would all be read as 1.
+
+    Args:
+        values: of one material inside the matte, as stored, of any shape.
+        path: of the picture.
+        what: names the material.
+
+    Raises:
+        JobError: more than half of them lie outside [0, 1].
+    """
+    outside = float(((values < 0) | (values > 1)).mean()) if values.size else 0.0
+    if outside > 0.5:
+        raise JobError(
+            f"{outside:.0%} of {what} inside the matte lie outside 0 to 1 (median {np.median(values):g})",
+            path, "Disney's roughness and metallic in 0 to 1", "divide by 255, or export it again",
         )  # fmt: skip

@@ -1,0 +1,123 @@
+"""Normals against the camera and against the slope of depth.
+
+On a surface with normal n (camera axes) z (n . r) is constant to first order, r = (x, y, 1). The logarithm of planar
+depth therefore changes by -(n_x dx + n_y dy) / (n . r), whatever its unit. Distance along the ray is z |r| and inverse
+depth is 1 / z: both change in another way, which tells them apart.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yesnt.runtime.consistency.sample import LEAST, Sample
+
+F64 = NDArray[np.float64]
+
+_GRAZING = 0.25  # least cosine to the ray: at silhouettes the slope within a pixel is not the normal's
+_EDGE = 0.1  # largest change of log z over two pixels: more is an edge between surfaces
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How normals fit the camera and depth, shares in [0, 1].
+
+    Attributes:
+        facing: of normals with a length that face the camera.
+        along: of slopes of depth that have the sign which the normals predict; NaN where too few are steep.
+        misfit: median difference of a slope from the prediction, over the median slope; 0: they are equal.
+    """
+
+    facing: float
+    along: float
+    misfit: float = 0.0
+
+    @property
+    def share(self) -> float:
+        """The lower of both shares."""
+        return float(np.nanmin([self.facing, self.along, 1.0]))
+
+
+def agreement(sample: Sample, normal: F64) -> Agreement:
+    """Compares normals [P, 3], in camera axes, with the rays and with the slopes of depth."""
+    facing, _ = cosines(sample, normal)
+    predicted, good = predicted_slopes(sample, normal)
+    steep = good & (np.abs(predicted) > np.median(np.abs(predicted[good]))) if good.any() else good
+    along = float((predicted * sample.slopes > 0)[steep].mean()) if steep.sum() > LEAST else float("nan")
+    off, size = (np.abs(values[good]) for values in (predicted - sample.slopes, sample.slopes))
+    misfit = float(np.median(off) / max(np.median(size), 1e-12)) if good.any() else 0.0
+    return Agreement(float((facing > 0).mean()) if len(facing) else float("nan"), along, misfit)
+
+
+def cosines(sample: Sample, normal: F64) -> tuple[F64, NDArray[np.bool_]]:
+    """Cosine between each normal and the direction to the camera, of those with a length; and which have one."""
+    length = np.linalg.norm(normal, axis=1)
+    known = length > 0.1
+    toward = -(normal * sample.ray).sum(axis=1) / np.linalg.norm(sample.ray, axis=1)
+    return toward[known] / length[known], known
+
+
+def predicted_slopes(sample: Sample, normal: F64) -> tuple[F64, NDArray[np.bool_]]:
+    """Change of log z that normals predict along each step [S], and where it can be compared."""
+    pixel = sample.step_pixel
+    n, r = normal[pixel], sample.ray[pixel]
+    along = (n * r).sum(axis=1)
+    length = np.linalg.norm(n, axis=1) * np.linalg.norm(r, axis=1)
+    good = (np.abs(along) > _GRAZING * length) & (length > 0.1) & (np.abs(sample.slopes) < _EDGE)
+    predicted = -(n[:, :2] * sample.steps).sum(axis=1) / np.where(good, along, 1)
+    return predicted, good & (np.abs(predicted) < _EDGE)
+
+
+def ray_share(sample: Sample) -> tuple[float, float]:
+    """How much depth looks like distance along the ray.
+
+    Returns:
+        Share of distance along the ray in the slopes (0: planar depth, 1: distance along the ray; -1: planar depth that
+        the job takes for distance), and its standard error.
+    """
+    predicted, good = predicted_slopes(sample, sample.normal)
+    r = sample.ray[sample.step_pixel]
+    bend = (r[:, :2] * sample.steps).sum(axis=1) / (r * r).sum(axis=1)
+    rest = sample.slopes - predicted
+    good &= np.isfinite(rest)
+    for _ in range(4):
+        if good.sum() <= LEAST:
+            return float("nan"), float("inf")
+        share = float((bend[good] * rest[good]).sum() / max((bend[good] ** 2).sum(), 1e-30))
+        off = rest - share * bend
+        spread = 1.4826 * float(np.median(np.abs(off[good]))) + 1e-12
+        good &= np.abs(off) < 3 * spread
+    error = spread / np.sqrt(max(float((bend[good] ** 2).sum()), 1e-30))
+    return share, float(error)
+
+
+def hypotheses(sample: Sample, space: str) -> dict[str, F64]:
+    """Normals [P, 3] in camera axes as they would be after one usual mistake, by what mends it.
+
+    Args:
+        sample: with normals as the job says.
+        space: the job's `normal_space`, of which they were read.
+    """
+    rotation, seen, opengl = sample.pose[:3, :3], sample.normal, np.array([1.0, -1.0, -1.0])
+    stored = {"world": seen @ rotation.T, "camera": seen, "camera_opengl": seen * opengl}[space]
+    decoded = 2 * stored - 1
+    y_up = stored[:, [0, 2, 1]] * [1.0, -1.0, 1.0]
+    found = {
+        "they were flipped: they point into the surface": -seen,
+        "they were decoded as 2 N - 1: they are stored in 0 to 1": {
+            "world": decoded @ rotation, "camera": decoded, "camera_opengl": decoded * opengl
+        }[space],
+        "the job said `normal_space: camera` (OpenCV's axes)": stored,
+        "the job said `normal_space: camera_opengl` (y up, z towards the viewer)": stored * opengl,
+        "they were decoded as 2 N - 1 and read by `normal_space: camera_opengl`": decoded * opengl,
+    }  # fmt: skip
+    if space == "world":
+        found |= {
+            'camera.json said `"axes": "opengl"` (the camera looks along its -z)': seen * opengl,
+            "they were turned from a Y-up world, (x, y, z) to (x, -z, y)": y_up @ rotation,
+        }
+    else:
+        found["the job said `normal_space: world`"] = stored @ rotation
+    return found

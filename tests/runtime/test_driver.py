@@ -209,8 +209,8 @@ def test_a_scheduler_lost_while_it_hands_a_result_over_is_a_lost_cluster(job: Jo
 
 
 def test_a_receipt_that_died_with_its_worker_loses_no_work(job: Job) -> None:
-    def submit(task, context, node, **options) -> _LostFuture:
-        task(context, node)
+    def submit(attempt, task, context, node, **options) -> _LostFuture:
+        attempt(task, context, node)
         return _LostFuture(KilledWorker("a", "tcp://127.0.0.1:1", 0))
 
     client = SimpleNamespace(
@@ -267,8 +267,8 @@ def test_workers_that_never_stay_are_a_lost_cluster(monkeypatch: pytest.MonkeyPa
 
 
 def test_a_run_waits_for_the_next_worker_and_says_so(job: Job, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("yesnt.runtime.driver.HEARTBEAT_SECONDS", 0.0)
-    monkeypatch.setattr("yesnt.runtime.driver.ALONE_SECONDS", 0.2)
+    monkeypatch.setattr("yesnt.runtime.scheduler_watch.HEARTBEAT_SECONDS", 0.0)
+    monkeypatch.setattr("yesnt.runtime.scheduler_watch.ALONE_SECONDS", 0.2)
     workers: dict[str, int] = {}
     waiting: list = []
 

@@ -6,18 +6,21 @@ alone, so a driver, a worker or a scheduler may vanish at any moment, and the ne
 
 from __future__ import annotations
 
-import heapq
 import queue
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from yesnt.core.errors import ClusterLostError, YesntError
+from yesnt.core.errors import LeaseLostError, MissingPartError, ShortageError, YesntError
 from yesnt.core.fault_points import fault_point
-from yesnt.io.durable import disk_full, is_full
+from yesnt.io.durable import is_full
 from yesnt.io.records import RecordBook
 from yesnt.planning.graph import Graph, Node, NodeId
+from yesnt.runtime.attempt import attempt, worker_of
+from yesnt.runtime.scheduler_watch import NO_WORKER, SchedulerWatch, lost, no_worker_errors, received, without_workers
+from yesnt.runtime.start_order import ReadyNodes
+from yesnt.runtime.supervisor import Supervisor
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -25,16 +28,6 @@ if TYPE_CHECKING:
 Receipt = dict[str, Any]
 Task = Callable[[Any, Node], Receipt]
 Listener = Callable[[Mapping[str, Any]], None]
-Place = tuple[int, int, int]
-
-HEARTBEAT_SECONDS = 2.0
-LOSS_SECONDS = 8.0
-"""A scheduler that has not answered for this long is lost."""
-
-ALONE_SECONDS = 4.0
-"""A scheduler without workers for this long is reported to the user."""
-
-NO_WORKER = "the scheduler has no worker; the run goes on when one joins"
 
 
 @dataclass(frozen=True)
@@ -44,10 +37,14 @@ class DriverSettings:
     Attributes:
         retries: how often a task that raised an exception is run again.
         deaths: a node is dead after its worker died this often while the node was the only task on it.
+        order: frames in the order in which they are wanted; empty: ascending.
+        priority: of the tasks among those of other runs on the same scheduler; higher ones go first.
     """
 
     retries: int = 1
     deaths: int = 2
+    order: tuple[int, ...] = ()
+    priority: int = 0
 
 
 @dataclass
@@ -92,7 +89,9 @@ class Driver:
         book: the commit records.
         task: importable function that runs a node on a worker.
         settings: retries and deaths.
-        listen: called with a small dictionary for every event: start, done, retry, failed, worker_died, dead, waiting.
+        listen: called with a small dictionary for every event: start, done, retry, failed, worker_died, dead, skipped,
+            waiting.
+        supervisor: says which tasks may start; None: all.
     """
 
     def __init__(
@@ -103,17 +102,19 @@ class Driver:
         task: Task,
         settings: DriverSettings | None = None,
         listen: Listener = lambda event: None,
+        supervisor: Supervisor | None = None,
     ) -> None:
         self._context, self._graph, self._book, self._task = context, graph, book, task
         self._settings, self._listen = settings or DriverSettings(), listen
-        self._place = _places(graph)
+        self._supervisor = supervisor or Supervisor(tell=listen)
         self._users = graph.users()
         self._waiting = {node.id: set(node.needs) for node in graph}
-        self._ready: list[tuple[Place, NodeId]] = []
+        self._ready = ReadyNodes(graph, self._users, self._settings.order)
         self._suspects: list[NodeId] = []
         self._running: dict[NodeId, Any] = {}  # of distributed.Future
         self._finished: queue.SimpleQueue[tuple[NodeId, Any]] = queue.SimpleQueue()
         self._unread: list[tuple[Node, Any]] = []  # finished, and their users are on their way; receipts not fetched
+        self._attempts: dict[NodeId, int] = {}  # the number of the last one
         self._failures: dict[NodeId, int] = {}
         self._deaths: dict[NodeId, int] = {}
         self._outcome = Outcome()
@@ -135,7 +136,7 @@ class Driver:
         for node_id, needs in self._waiting.items():
             needs -= settled
             if not needs:
-                self._push(node_id)
+                self._ready.push(node_id)
         return self._outcome
 
     @property
@@ -148,29 +149,33 @@ class Driver:
 
         Raises:
             ClusterLostError: the scheduler vanished; what is committed stays.
-            YesntError: the disk is full.
+            RunCancelledError: the user cancelled the run.
+            LeaseLostError: another driver has taken over.
         """
         from distributed.comm import CommClosedError
 
-        heartbeat = _Heartbeat(client)
+        self._client, self._watch = client, SchedulerWatch(client)
         try:
             while self._waiting or self._unread:
-                started = self._fill(client, heartbeat.slots())
-                if heartbeat.newly_alone():
+                self._supervisor.check()
+                self._skip()
+                self._watch.refresh()
+                started = self._fill(self._watch.slots(self._supervisor.hosts.blocked))
+                if self._watch.newly_alone():
                     self._listen({"event": "waiting", "time": time.time(), "reason": NO_WORKER})
                 self._read_receipts()
-                for node, attempt in started:
-                    self._tell("start", node, attempt=attempt)
-                if self._running:
+                for node, number in started:
+                    self._tell("start", node, attempt=number)
+                if self._waiting:
                     self._collect()
         except CommClosedError as error:  # it may go while a receipt is on its way
-            raise _lost("its connection broke") from error
+            raise lost("its connection broke") from error
         finally:
             for future in self._running.values():
                 future.release()
         return self._outcome
 
-    def _fill(self, client: Client, slots: int) -> list[tuple[Node, int]]:
+    def _fill(self, slots: int) -> list[tuple[Node, int]]:
         """Keeps one task per worker thread running.
 
         A node whose worker died runs alone, so that a second death is its own.
@@ -179,26 +184,51 @@ class Driver:
             what it started, each with the number of the attempt.
         """
         if self._suspects and not self._running:
-            return [self._submit(client, self._suspects.pop())]
-        started = []
-        while self._ready and len(self._running) < slots and not self._quarantine():
-            started.append(self._submit(client, heapq.heappop(self._ready)[1]))
+            alone = self._suspects[-1]
+            return [self._submit(self._suspects.pop())] if self._supervisor.admit(alone[0].name) else []
+        started: list[tuple[Node, int]] = []
+        while len(self._running) < slots and not self._quarantine():
+            node_id = self._ready.pop(self._supervisor.admit)
+            if node_id is None:
+                break
+            started.append(self._submit(node_id))
         return started
 
     def _quarantine(self) -> bool:
         return bool(self._suspects) or any(self._deaths.get(node_id) for node_id in self._running)
 
-    def _submit(self, client: Client, node_id: NodeId) -> tuple[Node, int]:
+    def _submit(self, node_id: NodeId) -> tuple[Node, int]:
         node = self._graph.nodes[node_id]
-        attempt = self._failures.get(node_id, 0) + self._deaths.get(node_id, 0)
+        number = self._attempts[node_id] = self._attempts.get(node_id, -1) + 1
         # The prefix before the hash groups the dashboard's bars by stage.
-        key = (f"{node.stage.name}-{node.key}", node.index, attempt)
-        sent = node.without_needs()
-        future = client.submit(self._task, self._context, sent, key=key, pure=False, retries=0)
+        key = (f"{node.stage.name}-{node.key}", node.index, number)
+        where = self._supervisor.hosts.elsewhere(node_id, self._watch.threads)
+        future = self._client.submit(
+            attempt, self._task, self._context, node.without_needs(),
+            key=key, pure=False, retries=0, workers=where, priority=self._settings.priority,
+        )  # fmt: skip
         self._running[node_id] = future
         fault_point("driver.after_submit")
         future.add_done_callback(lambda done, node_id=node_id: self._finished.put((node_id, done)))
-        return node, attempt
+        return node, number
+
+    def _skip(self) -> None:
+        """Gives up the nodes that the user wants to be left out."""
+        for command in self._supervisor.take_skips():
+            frames, reason = frozenset(command.frames), f"skipped by {command.by}"
+            nodes = [self._graph.nodes[i] for i in self._waiting if i[0].name == command.stage]
+            for node in (node for node in nodes if not frames.isdisjoint(node.frames)):
+                if node.id not in self._waiting:
+                    continue  # it was blocked by one that was skipped just now
+                future = self._running.pop(node.id, None)
+                if future is not None:
+                    future.release()
+                if node.id in self._suspects:
+                    self._suspects.remove(node.id)
+                self._ready.remove(node.id)
+                self._outcome.dead[node.id] = reason
+                self._tell("skipped", node, reason=reason)
+                self._give_up(node.id)
 
     def _collect(self) -> None:
         """Waits for a task to end and handles all that have ended."""
@@ -215,13 +245,13 @@ class Driver:
         node = self._graph.nodes[node_id]
         status = future.status
         if status in ("cancelled", "lost"):
-            raise _lost("its futures are cancelled")
+            raise lost("its futures are cancelled")
         del self._running[node_id]
         if status == "finished":
             self._succeed(node)
             self._unread.append((node, future))
         else:
-            self._fail(node, _received(future.exception))
+            self._fail(node, received(future.exception))
 
     def _read_receipts(self) -> None:
         """Fetches the receipts of finished tasks; their successors were submitted before, so no worker waits for it."""
@@ -230,9 +260,10 @@ class Driver:
         while self._unread:
             node, future = self._unread.pop(0)
             try:
-                receipt: Receipt = _received(future.result)
+                receipt: Receipt = received(future.result)
             except KilledWorker:  # the worker died with it, and the next one while Dask had it made again
                 receipt = self._recorded(node)
+            self._supervisor.hosts.succeeded(receipt.get("worker", ""))
             self._outcome.busy_seconds += receipt["seconds"]
             self._outcome.kernel_seconds += receipt["kernel_seconds"]
             self._tell("done", node, **receipt)
@@ -251,35 +282,61 @@ class Driver:
     def _succeed(self, node: Node) -> None:
         """Marks a node as done; nodes that waited only for it become ready."""
         self._outcome.done.append(node.id)
+        self._supervisor.shortages.ended(node.stage.name)
         self._waiting.pop(node.id)
         for user in self._users[node.id]:
             if user in self._waiting:
                 self._waiting[user].discard(node.id)
                 if not self._waiting[user]:
-                    self._push(user)
+                    self._ready.push(user)
 
     def _fail(self, node: Node, error: BaseException | None) -> None:
         from distributed import KilledWorker
 
+        if isinstance(error, ShortageError) or (error is not None and is_full(error)):
+            self._wait_for_more(node, error)
+            return
+        self._supervisor.shortages.ended(node.stage.name)
+        if isinstance(error, no_worker_errors()):
+            if not self._supervisor.hosts.elsewhere(node.id, self._watch.threads):
+                raise without_workers() from error
+            self._ready.push(node.id)  # the workers that it was sent to are gone; others are there
+            return
+        reason = str(error) if isinstance(error, YesntError) else f"{type(error).__name__}: {error}"
+        self._blame(node, worker_of(error), reason)
         if isinstance(error, KilledWorker):
             self._die(node)
-            return
-        if isinstance(error, _no_worker_errors()):
-            raise ClusterLostError(
-                "No worker has joined the scheduler for too long", "the Dask scheduler", "at least one worker",
-                "start workers, then run the same command again: it resumes from what is committed",
-            ) from error  # fmt: skip
-        if error is not None and is_full(error):
-            raise disk_full(error, f"stage {node.stage}, frame {node.frames[0]}") from error
+        else:
+            self._count_failure(node, reason, self._deserves_another(node, error))
+
+    def _wait_for_more(self, node: Node, error: BaseException) -> None:
+        """Puts a node back that met a shortage: no failure of its own."""
+        what = "the disk is full" if is_full(error) else str(error)
+        self._supervisor.shortages.met(node.stage.name, f"frame {node.frames[0]}: {what}")
+        self._ready.push(node.id)
+
+    def _deserves_another(self, node: Node, error: BaseException | None) -> bool:
+        """Whether a failed node may run once more: not if the input is wrong, which no worker can change."""
+        if isinstance(error, MissingPartError):
+            return self._supervisor.hosts.untried(node.id, self._watch.threads)
+        return not isinstance(error, YesntError) or isinstance(error, LeaseLostError)
+
+    def _count_failure(self, node: Node, reason: str, deserves: bool) -> None:
         self._failures[node.id] = self._failures.get(node.id, 0) + 1
-        reason = f"{type(error).__name__}: {error}" if not isinstance(error, YesntError) else str(error)
-        retry = not isinstance(error, YesntError) and self._failures[node.id] <= self._settings.retries
+        retry = deserves and self._failures[node.id] <= self._settings.retries
         self._tell("retry" if retry else "failed", node, reason=reason)
         if retry:
-            self._push(node.id)
+            self._ready.push(node.id)
         else:
             self._outcome.failed[node.id] = reason
             self._give_up(node.id)
+
+    def _blame(self, node: Node, worker: str, reason: str) -> None:
+        """Notes on which host a node failed; a host that fails one after another gets no more."""
+        if worker:
+            blocked = self._supervisor.hosts.failed(node.id, worker, reason, self._watch.threads)
+            if blocked:
+                self._supervisor.block(blocked)
 
     def _die(self, node: Node) -> None:
         self._deaths[node.id] = self._deaths.get(node.id, 0) + 1
@@ -302,87 +359,7 @@ class Driver:
                 self._outcome.blocked.append(user)
                 stack.extend(self._users[user])
 
-    def _push(self, node_id: NodeId) -> None:
-        heapq.heappush(self._ready, (self._place[node_id], node_id))
-
     def _tell(self, event: str, node: Node, **facts: Any) -> None:
         self._listen(
             {"event": event, "time": time.time(), "stage": node.stage.label, "frames": list(node.frames), **facts}
         )
-
-
-def _places(graph: Graph) -> dict[NodeId, Place]:
-    """Priority of each node among those that are ready: late stages first, to finish frames early; then by frame.
-
-    Stages of equal depth (flow and decomposition) alternate frame by frame, so that a worker reads each plate once.
-    """
-    depth: dict[NodeId, int] = {}
-    for node in graph:
-        depth[node.id] = 1 + max((depth[need] for need in node.needs), default=0)
-    return {node.id: (-depth[node.id], node.frames[0], i) for i, node in enumerate(graph)}
-
-
-class _Heartbeat:
-    """Asks the scheduler every few seconds how many slots there are; notices when it no longer answers."""
-
-    def __init__(self, client: Client) -> None:
-        self._client, self._slots, self._asked, self._answered = client, 1, 0.0, time.monotonic()
-        self._alone_since: float | None = None
-        self._alone_told = False
-
-    def slots(self) -> int:
-        """Threads of all workers, at least 1: a task is handed over even if its worker is still to join.
-
-        Raises:
-            ClusterLostError: the scheduler does not answer.
-        """
-        now = time.monotonic()
-        if now - self._asked >= HEARTBEAT_SECONDS:
-            self._asked = now
-            try:
-                threads = self._client.sync(self._client.scheduler.ncores, callback_timeout=LOSS_SECONDS / 2)
-            except (OSError, TimeoutError, RuntimeError, ValueError, AttributeError):
-                if now - self._answered > LOSS_SECONDS / 2:
-                    raise _lost("it does not answer") from None
-            else:
-                self._answered = time.monotonic()
-                self._count(sum(threads.values()))
-        return self._slots
-
-    def newly_alone(self) -> bool:
-        """Whether there has been no worker for a while; True once each time that happens."""
-        alone = self._alone_since is not None and time.monotonic() - self._alone_since >= ALONE_SECONDS
-        newly, self._alone_told = alone and not self._alone_told, alone
-        return newly
-
-    def _count(self, threads: int) -> None:
-        self._slots = max(1, threads)
-        if threads:
-            self._alone_since = None
-        elif self._alone_since is None:
-            self._alone_since = self._answered
-
-
-def _no_worker_errors() -> tuple[type[Exception], ...]:
-    from distributed.scheduler import NoValidWorkerError, NoWorkerError
-
-    return NoValidWorkerError, NoWorkerError
-
-
-def _received(fetch: Callable[..., Any]) -> Any:
-    """Fetches the result or the exception of a task that has ended; a lost scheduler raises ClusterLostError."""
-    from distributed.client import FutureCancelledError
-
-    try:
-        return fetch(timeout=LOSS_SECONDS)
-    except FutureCancelledError as error:
-        raise _lost("its futures are cancelled") from error
-    except TimeoutError as error:
-        raise _lost("it does not hand a result over") from error
-
-
-def _lost(why: str) -> ClusterLostError:
-    return ClusterLostError(
-        f"The scheduler is lost ({why})", "the Dask scheduler", "a scheduler that answers",
-        "run the same command again: it resumes from what is committed",
-    )  # fmt: skip

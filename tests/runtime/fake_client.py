@@ -1,0 +1,78 @@
+"""A Dask client that runs tasks in the test's own process, on workers that exist by name only."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from yesnt.core.errors import ShortageError
+from yesnt.runtime import attempt as attempt_module
+
+WORKERS = ("tcp://10.0.0.1:1", "tcp://10.0.0.2:1", "tcp://10.0.0.3:1")
+
+
+class FakeClient:
+    """Runs each task when the driver waits; `before` may raise what the task should fail with on a worker."""
+
+    def __init__(
+        self,
+        monkeypatch: pytest.MonkeyPatch,
+        before: Callable[[Any, str], None] = lambda node, worker: None,
+        workers: tuple[str, ...] = WORKERS,
+    ) -> None:
+        self._here, self._before, self._choice = "", before, random.Random(0)
+        self.workers = {worker: 1 for worker in workers}
+        self.ran: list[tuple[str, int, str]] = []
+        self.scheduler = SimpleNamespace(ncores=None)
+        monkeypatch.setattr(attempt_module, "_own_address", lambda: self._here)
+
+    def sync(self, call: object, callback_timeout: float) -> dict[str, int]:
+        return self.workers
+
+    def submit(self, attempt, task, context, node, *, workers=None, **options: Any) -> _Future:
+        self._here = self._choice.choice(sorted(workers or self.workers))
+        self.ran.append((node.stage.label, node.index, self._here))
+        before, here = self._before, self._here
+
+        def watched(context: Any, node: Any) -> dict[str, Any]:
+            before(node, here)
+            return task(context, node)
+
+        try:
+            return _Future(attempt(watched, context, node), None)
+        except Exception as error:
+            return _Future(None, error)
+
+
+class _Future:
+    def __init__(self, result: Any, error: Exception | None) -> None:
+        self._result, self._error = result, error
+        self.status = "finished" if error is None else "error"
+
+    def add_done_callback(self, call: Callable[[Any], None]) -> None:
+        call(self)
+
+    def result(self, timeout: float) -> Any:
+        return self._result
+
+    def exception(self, timeout: float) -> Exception | None:
+        return self._error
+
+    def release(self) -> None:
+        pass
+
+
+def short_of(resource: str, times: int) -> Callable[[Any, str], None]:
+    """Lets tasks meet a shortage so many times."""
+    left = [times]
+
+    def before(node: Any, worker: str) -> None:
+        if left[0]:
+            left[0] -= 1
+            raise ShortageError(f"No {resource} is free")
+
+    return before

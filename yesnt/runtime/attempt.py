@@ -1,0 +1,35 @@
+"""One attempt of a task on a worker; tells the driver which worker it was, also when it fails."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+from yesnt.planning.graph import Node
+
+_WORKER = "yesnt_worker"
+
+
+def attempt(task: Callable[[Any, Node], dict[str, Any]], context: Any, node: Node) -> dict[str, Any]:
+    """Runs a task; the address of its worker is added to the receipt, or to the error."""
+    try:
+        return {**task(context, node), "worker": _own_address()}
+    except Exception as error:
+        with suppress(AttributeError, TypeError):  # an error without attributes says nothing of its worker
+            setattr(error, _WORKER, _own_address())
+        raise
+
+
+def worker_of(error: BaseException | None) -> str:
+    """The worker that a task failed on, or that died with it; "" if it is not known."""
+    last = getattr(error, "last_worker", None)  # of Dask's KilledWorker
+    return str(getattr(error, _WORKER, None) or getattr(last, "address", None) or "")
+
+
+def _own_address() -> str:
+    from distributed import get_worker
+
+    with suppress(ValueError):  # outside of a worker
+        return str(get_worker().address)
+    return ""

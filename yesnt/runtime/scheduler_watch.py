@@ -1,0 +1,116 @@
+"""Watches the scheduler: which workers there are, and whether it still answers."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Collection
+from typing import TYPE_CHECKING, Any
+
+from yesnt.core.errors import ClusterLostError
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+HEARTBEAT_SECONDS = 2.0
+LOSS_SECONDS = 8.0
+"""A scheduler that has not answered for this long is lost."""
+
+ALONE_SECONDS = 4.0
+"""A scheduler without workers for this long is reported to the user."""
+
+NO_WORKER = "the scheduler has no worker; the run goes on when one joins"
+
+
+class SchedulerWatch:
+    """Asks the scheduler every few seconds for its workers; notices when it no longer answers.
+
+    Args:
+        client: connected to the scheduler.
+    """
+
+    def __init__(self, client: Client) -> None:
+        self._client, self._asked, self._answered = client, 0.0, time.monotonic()
+        self._alone_since: float | None = None
+        self._alone_told = False
+        self.threads: dict[str, int] = {}
+        """Worker threads by address, as the scheduler last said."""
+
+    def refresh(self) -> None:
+        """Asks, if it is time.
+
+        Raises:
+            ClusterLostError: the scheduler does not answer.
+        """
+        now = time.monotonic()
+        if now - self._asked < HEARTBEAT_SECONDS:
+            return
+        self._asked = now
+        try:
+            threads = self._client.sync(self._client.scheduler.ncores, callback_timeout=LOSS_SECONDS / 2)
+        except (OSError, TimeoutError, RuntimeError, ValueError, AttributeError):
+            if now - self._answered > LOSS_SECONDS / 2:
+                raise lost("it does not answer") from None
+        else:
+            self._answered = time.monotonic()
+            self.threads = dict(threads)
+            self._count(sum(self.threads.values()))
+
+    def slots(self, blocked: Collection[str] = ()) -> int:
+        """Threads of all workers but those of blocked hosts; at least 1, so that a task waits for the first worker."""
+        return max(1, sum(count for worker, count in self.threads.items() if host_of(worker) not in blocked))
+
+    def newly_alone(self) -> bool:
+        """Whether there has been no worker for a while; True once each time that happens."""
+        alone = self._alone_since is not None and time.monotonic() - self._alone_since >= ALONE_SECONDS
+        newly, self._alone_told = alone and not self._alone_told, alone
+        return newly
+
+    def _count(self, threads: int) -> None:
+        if threads:
+            self._alone_since = None
+        elif self._alone_since is None:
+            self._alone_since = self._answered
+
+
+def host_of(worker: str) -> str:
+    """The host of a worker's address: `tls://10.0.0.5:40123` is on `10.0.0.5`."""
+    return worker.partition("://")[2].rpartition(":")[0] or worker
+
+
+def no_worker_errors() -> tuple[type[Exception], ...]:
+    """What Dask raises for a task that no worker has taken for too long."""
+    from distributed.scheduler import NoValidWorkerError, NoWorkerError
+
+    return NoValidWorkerError, NoWorkerError
+
+
+def received(fetch: Callable[..., Any]) -> Any:
+    """Fetches the result or the exception of a task that has ended.
+
+    Raises:
+        ClusterLostError: the scheduler is gone.
+    """
+    from distributed.client import FutureCancelledError
+
+    try:
+        return fetch(timeout=LOSS_SECONDS)
+    except FutureCancelledError as error:
+        raise lost("its futures are cancelled") from error
+    except TimeoutError as error:
+        raise lost("it does not hand a result over") from error
+
+
+def lost(why: str) -> ClusterLostError:
+    """The error of a scheduler that is gone."""
+    return ClusterLostError(
+        f"The scheduler is lost ({why})", "the Dask scheduler", "a scheduler that answers",
+        "run the same command again: it resumes from what is committed",
+    )  # fmt: skip
+
+
+def without_workers() -> ClusterLostError:
+    """The error of a scheduler that has had no worker for too long."""
+    return ClusterLostError(
+        "No worker has joined the scheduler for too long", "the Dask scheduler", "at least one worker",
+        "start workers, then run the same command again: it resumes from what is committed",
+    )  # fmt: skip

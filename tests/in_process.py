@@ -8,7 +8,8 @@ from pathlib import Path
 
 from yesnt.io.store import FrameStore
 from yesnt.runtime.driver import is_done
-from yesnt.runtime.session import RunOptions, Session
+from yesnt.runtime.run_options import RunOptions
+from yesnt.runtime.session import Session
 from yesnt.tasks.run import run_node
 
 

@@ -114,7 +114,8 @@ def options_of(verb: str) -> set[str]:
 
 def contract_verbs() -> dict[str, set[str]]:
     """Verbs of the contract's table and the options that it names."""
-    rows = re.findall(r"^\| `([a-z]+)([^`]*)`", section("docs/contract.md", "Command line"), re.M)
+    cells = re.findall(r"^\| (`[^|]*(?:\\\|[^|]*)*) \|", section("docs/contract.md", "Command line"), re.M)
+    rows = [row for cell in cells for row in re.findall(r"`([a-z-]+)([^`]*)`", cell)]
     return {verb: set(re.findall(r"--[a-z-]+", rest)) for verb, rest in rows}
 
 
@@ -135,9 +136,7 @@ def test_contract_says_which_verbs_print_json() -> None:
 
 def test_roadmap_holds_nothing_that_works() -> None:
     text = text_of("docs/roadmap.md")
-    assert not {"submit", "logs", "pause", "resume", "cancel", "skip", "export-openjd", "gof", "camera"} & set(
-        commands()
-    )
+    assert not {"export-openjd", "gof", "camera"} & set(commands())
     future = {key for block in code_blocks(text, "yaml") for key in yaml.safe_load(block)}
     assert future
     assert not (future & set(Shot.model_fields)) - {"plate", "gbuffer", "light", "decompose"}  # these gain keys only

@@ -16,7 +16,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 from long_shot import write_long_shot
 
 from yesnt.runtime.launchers.spec import ClusterSpec
-from yesnt.runtime.session import RunOptions, Session
+from yesnt.runtime.run_options import RunOptions
+from yesnt.runtime.session import Session
 
 
 def peak(folder: Path, frames: int) -> tuple[float, str]:

@@ -29,7 +29,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 from long_shot import write_long_shot
 
 from yesnt.runtime.launchers.spec import ClusterSpec
-from yesnt.runtime.session import RunOptions, Session
+from yesnt.runtime.run_options import RunOptions
+from yesnt.runtime.session import Session
 
 
 def measure(folder: Path, frames: int, workers: int, until: str | None) -> None:

@@ -23,6 +23,7 @@ from yesnt.inspect.frame_states import states
 from yesnt.inspect.status import StatusReport, status
 from yesnt.inspect.status_memory import StatusMemory
 from yesnt.io import file_digests
+from yesnt.planning.stages import RELIGHT
 from yesnt.runtime.driver import is_done
 from yesnt.runtime.session import Session
 
@@ -137,7 +138,7 @@ def delete(name: str) -> Callable[[Path], None]:
 
 def mark_dead(shot: Path) -> None:
     session = Session(shot)
-    session._mark_dead(next(node for node in session.graph() if node.stage.label == "relight"), "it killed two workers")
+    session.dead_marks.set(RELIGHT, [session.job.frames[0]], "it killed two workers")
 
 
 CHANGES: dict[str, Callable[[Path], None]] = {

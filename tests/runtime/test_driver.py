@@ -288,7 +288,7 @@ def test_a_run_waits_for_the_next_worker_and_says_so(job: Job, monkeypatch: pyte
     futures: list[Late] = []
     events: list = []
 
-    def submit(task, context, node, **options) -> Late:
+    def submit(attempt, task, context, node, **options) -> Late:
         futures.append(Late(RuntimeError()))
         return futures[-1]
 

@@ -14,7 +14,8 @@ from yesnt.io.output import OutputFolder
 from yesnt.io.pictures.image import read_image
 from yesnt.runtime.input_checks import STORE_BYTES_PER_PIXEL, InputChecks, handles, inspect
 from yesnt.runtime.preflight import resolve
-from yesnt.runtime.session import RunOptions, Session
+from yesnt.runtime.run_options import RunOptions
+from yesnt.runtime.session import Session
 from yesnt.temporal.flow import LEARNED
 
 

@@ -21,7 +21,8 @@ from yesnt.io.store import FrameStore
 from yesnt.planning.stages import COMPOSITE, DECOMPOSE, FLOW, RELIGHT
 from yesnt.runtime.cluster import open_cluster
 from yesnt.runtime.launchers.spec import ClusterSpec
-from yesnt.runtime.session import RunOptions, RunResult, Session
+from yesnt.runtime.run_options import RunOptions, RunResult
+from yesnt.runtime.session import Session
 
 FRAMES = 4
 
@@ -224,7 +225,7 @@ def test_frames_that_cannot_be_had_are_left_out_and_all_others_finish(
     path = write_tiny_shot(tmp_path / "s", FRAMES)
     session = Session(path)
     node = session.graph().nodes[DECOMPOSE, 1]
-    session._mark_dead(node, "it killed two workers")
+    session.dead_marks.set(node.stage, node.frames, "it killed two workers")
     result = run(path, cluster)
     assert set(result.missing) == {(DECOMPOSE, 1002)}
     assert sorted(exr_digests(path)) == ["tiny.1001.exr", "tiny.1003.exr", "tiny.1004.exr"]

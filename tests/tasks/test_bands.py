@@ -19,7 +19,8 @@ from yesnt.planning.stages import SOLVE
 from yesnt.runtime.cluster import open_cluster
 from yesnt.runtime.driver import is_done
 from yesnt.runtime.launchers.spec import ClusterSpec
-from yesnt.runtime.session import RunOptions, Session
+from yesnt.runtime.run_options import RunOptions
+from yesnt.runtime.session import Session
 from yesnt.tasks.run import run_node
 from yesnt.temporal import EnergyParams
 from yesnt.workflows.shot import shot_graph

@@ -24,6 +24,10 @@ def main() -> None:
         status = INTERRUPTED
     if status == INTERRUPTED:
         print("Interrupted: what is committed stays, the same command goes on from there.", file=sys.stderr)
+    if os.environ.get("YESNT_SUBMISSION"):
+        from yesnt.cli.control import note_submission_end
+
+        note_submission_end(status or 0)
     if status in AT_ONCE:
         _exit_at_once(status)
     sys.exit(status or 0)

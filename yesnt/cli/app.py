@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from yesnt.cli import text
+from yesnt.cli import control, text
 from yesnt.cli.evaluate import evaluate
 from yesnt.cli.file_progress import FileProgress
 from yesnt.cli.trade import trade
@@ -24,6 +24,13 @@ app = typer.Typer(
 ShotArgument = Annotated[Path, typer.Argument(metavar="SHOT", help="shot.yaml or its folder")]
 JsonOption = Annotated[bool, typer.Option("--json", help="one JSON document on stdout")]
 FramesOption = Annotated[str | None, typer.Option(help="frames, as 1001-1010x2,1020")]
+OrderedFramesOption = Annotated[
+    str | None, typer.Option(help="frames, as 1001-1010x2,1020; 1-100:10 does every tenth first")
+]
+ForceOption = Annotated[
+    list[str] | None, typer.Option(metavar="STAGE[:F]", help="make these frames again, and what uses them")
+]
+PriorityOption = Annotated[int, typer.Option(help="among the runs of one scheduler; higher goes first")]
 WorkersOption = Annotated[int, typer.Option(min=1, max=1024, help="worker processes, one thread each")]
 ClusterWorkersOption = Annotated[
     int | None, typer.Option(min=1, max=10_000, help="CPU workers, one thread each [2, or the profile's]")
@@ -38,18 +45,23 @@ def run(
     workers: ClusterWorkersOption = None,
     cluster: ClusterOption = "local",
     insecure: InsecureOption = False,
-    frames: FramesOption = None,
+    frames: OrderedFramesOption = None,
     until: Annotated[str | None, typer.Option(metavar="STAGE", help="stop after this stage")] = None,
+    force: ForceOption = None,
+    priority: PriorityOption = 0,
     accept_license: Annotated[list[str] | None, typer.Option(metavar="NAME", help="a non-commercial licence")] = None,
     json: JsonOption = False,
 ) -> int:
     """Run a shot; what is done already is not done again."""
+    from yesnt.runtime.driver import DriverSettings
     from yesnt.runtime.launchers.spec import read_cluster
-    from yesnt.runtime.session import RunOptions, Session
+    from yesnt.runtime.run_options import RunOptions
+    from yesnt.runtime.session import Session
 
     where = read_cluster(cluster, workers, insecure)
     session = Session(shot, tuple(accept_license or ()), FileProgress())
-    return _drive(session, RunOptions(frames, until, where), json)
+    settings = DriverSettings(priority=priority)
+    return _drive(session, RunOptions(frames, until, where, settings, tuple(force or ())), json)
 
 
 @app.command()
@@ -61,7 +73,8 @@ def demo(
     """Run the main job on the embedded shot with two local workers."""
     from yesnt.io.embedded_shot import copy_embedded_shot
     from yesnt.runtime.launchers.spec import ClusterSpec
-    from yesnt.runtime.session import RunOptions, Session
+    from yesnt.runtime.run_options import RunOptions
+    from yesnt.runtime.session import Session
 
     return _drive(Session(copy_embedded_shot(folder)), RunOptions(cluster=ClusterSpec("local", workers)), json)
 
@@ -112,13 +125,17 @@ def status(
             )
         follow(shot)
         return
+    from yesnt.inspect.run_view import look_at_run
     from yesnt.inspect.status import status as find
 
+    run = look_at_run(shot)
     report = find(shot, FileProgress())
     if json:
-        text.print_json(report.as_json())
-    else:
-        text.print_status(report)
+        text.print_json({**report.as_json(), "run": dict(vars(run))})
+        return
+    for line in text.run_lines(run):
+        print(line)
+    text.print_status(report)
 
 
 @app.command()
@@ -151,7 +168,8 @@ def retry(
     from yesnt.inspect.forget import forget
     from yesnt.planning.stages import STAGES
     from yesnt.runtime.launchers.spec import read_cluster
-    from yesnt.runtime.session import RunOptions, Session
+    from yesnt.runtime.run_options import RunOptions
+    from yesnt.runtime.session import Session
 
     where = read_cluster(cluster, workers, insecure)
     forget(Session(shot), stage or list(STAGES), frames)
@@ -170,7 +188,8 @@ def verify(
 
     from yesnt.inspect.verify import verify as find
     from yesnt.runtime.launchers.spec import ClusterSpec
-    from yesnt.runtime.session import RunOptions, Session
+    from yesnt.runtime.run_options import RunOptions
+    from yesnt.runtime.session import Session
 
     session = Session(shot)
     damage = find(session)
@@ -228,7 +247,8 @@ def doctor(json: JsonOption = False) -> int:
 def _drive(session: object, options: object, json: bool) -> int:
     """Runs with progress and prints where the results are; 3 if frames are missing."""
     from yesnt.cli.progress import BarProgress, LineProgress
-    from yesnt.runtime.session import RunOptions, Session
+    from yesnt.runtime.run_options import RunOptions
+    from yesnt.runtime.session import Session
 
     assert isinstance(session, Session)
     assert isinstance(options, RunOptions)
@@ -279,3 +299,5 @@ def _print_result(session: object, warnings: list[str], missing: list[dict[str, 
 
 app.command("eval")(evaluate)
 app.command("trade")(trade)
+for verb in (control.submit, control.logs, control.pause, control.resume, control.cancel, control.skip):
+    app.command()(verb)

@@ -38,7 +38,7 @@ class LineProgress:
         elif kind == "done":
             self._done += 1
             print(f"{done_line(event)}\nprogress {100 * self._done // max(1, self._total)}%", flush=True)
-        elif kind in ("retry", "failed", "worker_died", "dead"):
+        elif kind in ("retry", "failed", "worker_died", "dead", "skipped"):
             print(f"Frame {event['frames'][0]} {event['stage']} {kind}: {event['reason']}", flush=True)
 
 
@@ -81,7 +81,7 @@ class BarProgress:
             self._began.setdefault(_stage(event), time.monotonic())
         elif kind == "done":
             self._advance(_stage(event))
-        elif kind in ("retry", "failed", "worker_died", "dead"):
+        elif kind in ("retry", "failed", "worker_died", "dead", "skipped"):
             self._progress.console.print(f"Frame {event['frames'][0]} {event['stage']} {kind}: {event['reason']}")
 
     def _lay_out(self, event: Mapping[str, Any]) -> None:

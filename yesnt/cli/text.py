@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from yesnt.core.errors import YesntError
 
 if TYPE_CHECKING:
+    from yesnt.inspect.run_view import RunView
     from yesnt.inspect.status import StatusReport
 
 
@@ -83,9 +84,33 @@ def compiling_line(event: Mapping[str, Any]) -> str:
 
 def notice_line(event: Mapping[str, Any]) -> str:
     """What happened to a run as a whole; "" for events of single tasks."""
-    kind = event["event"]
+    kind, why = event["event"], event.get("reason", "")
     if kind == "waiting":
-        return f"Waiting: {event['reason']}"
+        return f"Waiting: {why}"
     if kind == "taken_over":
         return f"Taken over: the driver on {event['owner']} is gone; this one goes on from what is committed"
-    return ""
+    if kind == "paused":
+        return f"Paused by {event['by']}: tasks under way end, no other starts until `yesnt resume`"
+    if kind == "resumed":
+        return f"Resumed by {event['by']}"
+    if kind == "host_blocked":
+        return f"Host {event['host']} gets no more tasks: {why}"
+    stage = f"stage {event['stage']}" if event.get("stage") else "all stages"
+    if kind == "shortage":
+        return f"Shortage: {stage} waits and goes on by itself: {why.rstrip('.')}"
+    return f"Shortage is over: {stage} goes on" if kind == "shortage_over" else ""
+
+
+def run_lines(run: RunView) -> list[str]:
+    """State of the driver, a fact a line; none if there was no run."""
+    if run.state == "none":
+        return []
+    where = f" on {run.host}, pid {run.pid}" if run.host else ""
+    handed = f" ({run.submission}, {run.job})" if run.submission else ""
+    by = f" by {run.by}" if run.by and run.state in ("paused", "queued") else ""
+    status = "" if run.exit_status is None else f", exit status {run.exit_status}"
+    lines = [f"run: {run.state}{by}{where}{handed}{status}"]
+    lines += [f"shortage: {f'stage {stage}' if stage else 'all stages'}: {why}" for stage, why in run.shortages.items()]
+    lines += [f"blocked host: {host}: {why}" for host, why in run.blocked_hosts.items()]
+    lines += [f"dashboard: {run.dashboard}"] if run.active and run.dashboard else []
+    return lines + ([f"error: {run.error}"] if run.error else [])

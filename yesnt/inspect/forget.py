@@ -26,7 +26,7 @@ def forget(session: Session, stages: list[str], frames: str | None) -> int:
 def _forget_marks(session: Session, stages: list[str], wanted: set[int]) -> int:
     chosen = [(s, f) for s, f in session.marked_dead() if f in wanted and s.name in stages]
     for stage, frame in chosen:
-        (session.output.dead / stage.label / f"{frame:04d}.json").unlink()
+        session.dead_marks.remove(stage, frame)
     return len(chosen)
 
 

@@ -62,24 +62,35 @@ def parse_frames(text: str, where: str) -> tuple[int, ...]:
     Raises:
         UsageError: the text is no range, or holds more than `MAX_FRAMES` frames.
     """
+    return tuple(sorted(frames_in_order(text, where)))
+
+
+def frames_in_order(text: str, where: str) -> tuple[int, ...]:
+    """A frame range as numbers, each once, in the order in which it names them.
+
+    `1-100:10` is all hundred frames, coarse before fine: every tenth, then every ninth of the others, and so on.
+
+    Raises:
+        UsageError: the text is no range, or holds more than `MAX_FRAMES` frames.
+    """
     from fileseq.exceptions import FileSeqException, MaxSizeException
 
-    found, problem = set[int](), "no frames"
+    found, problem = dict[int, None](), "no frames"
     try:
         for part in text.split(","):
-            found.update(_part_of_range(part.strip()))
+            found.update(dict.fromkeys(_part_of_range(part.strip())))
     except MaxSizeException:
-        found, problem = set(), _TOO_MANY
+        found, problem = {}, _TOO_MANY
     except (FileSeqException, ValueError, TypeError, OverflowError) as error:
-        found, problem = set(), str(error).splitlines()[0].rstrip(": ")
+        found, problem = {}, str(error).splitlines()[0].rstrip(": ")
     if len(found) > MAX_FRAMES:
-        found, problem = set(), _TOO_MANY
+        found, problem = {}, _TOO_MANY
     if not found:
         raise UsageError(
             f"The frame range {_shortened(text)} cannot be used ({problem})", where, "1001-1024 or 1001-1010x2,1020",
             "correct it",
         )  # fmt: skip
-    return tuple(sorted(found))
+    return tuple(found)
 
 
 def _part_of_range(part: str) -> Iterable[int]:

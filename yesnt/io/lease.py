@@ -63,7 +63,8 @@ class Lease:
     def __init__(self, folder: Path, name: str, beat_seconds: float = BEAT_SECONDS) -> None:
         self._folder, self._name, self._beat_seconds = folder, name, beat_seconds
         self._generation = 0
-        self._nonce = uuid.uuid4().hex
+        self.nonce = uuid.uuid4().hex
+        """Random name of this claim."""
         self._lost = ""
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
@@ -76,13 +77,13 @@ class Lease:
         """
         generation = 1 if over is None else over.generation + 1
         path = self._path(generation)
-        if not _create(path, self._nonce):
+        if not _create(path, self.nonce):
             return False
         self._generation = generation
         now = read_lease(self._folder, self._name)
         # The generation that was taken over is removed last: if it is gone, another claimant came and went meanwhile.
         replaced = over is None or read_generation(self._path(over.generation)) == over
-        if now is None or now.nonce != self._nonce or not replaced:
+        if now is None or now.nonce != self.nonce or not replaced:
             path.unlink(missing_ok=True)
             return False
         for older in _generations(self._folder, self._name):
@@ -136,7 +137,7 @@ class Lease:
 
     def _lose(self) -> None:
         now = read_lease(self._folder, self._name)
-        owner = "nobody" if now is None or now.nonce == self._nonce else str(now.owner or "another process")
+        owner = "nobody" if now is None or now.nonce == self.nonce else str(now.owner or "another process")
         self._lost = f"it is now held by {owner}"
 
 

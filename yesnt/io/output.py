@@ -31,7 +31,12 @@ class OutputFolder:
     @classmethod
     def of(cls, job: Job) -> OutputFolder:
         """The output folder of a job; relative names start at the job file's folder."""
-        return cls(Path(job.root) / os.path.expanduser(job.shot.output))
+        return cls.under(Path(job.root), job.shot.output)
+
+    @classmethod
+    def under(cls, root: Path, output: str) -> OutputFolder:
+        """The output folder that a job file in a folder names."""
+        return cls(root / os.path.expanduser(output))
 
     @property
     def store(self) -> Path:
@@ -103,6 +108,26 @@ class OutputFolder:
                 f"The output folder has {free / 1e9:.2f} GB free", str(folder), f"about {needed_bytes / 1e9:.2f} GB",
                 "free some, or set `output:` to another disk",
             )  # fmt: skip
+
+    @property
+    def run_state(self) -> Path:
+        """State of the run, written by its driver."""
+        return self.run / "state.json"
+
+    @property
+    def submission(self) -> Path:
+        """The last submission: what was handed over to which cluster."""
+        return self.run / "submission.json"
+
+    @property
+    def driver_log(self) -> Path:
+        """What the driver of a submission prints."""
+        return self.run / "driver.log"
+
+    @property
+    def commands(self) -> Path:
+        """Folder of commands that wait for the driver."""
+        return self.run / "control"
 
     @property
     def leases(self) -> Path:

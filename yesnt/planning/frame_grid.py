@@ -94,9 +94,13 @@ class FrameGrid:
     def apply(self, event: Mapping[str, Any]) -> None:
         """Takes one event of the driver."""
         kind = event["event"]
-        if kind not in ("start", "done", "retry", "failed", "worker_died", "dead"):
+        if kind not in ("start", "done", "retry", "failed", "worker_died", "dead", "deferred", "skipped"):
             return
         name = StageId.parse(str(event["stage"])).name
+        if kind == "skipped":
+            for frame in event["frames"]:
+                self.lose(name, frame, DEAD, event["reason"])
+            return
         row, place = self._rows[name], self._places(event["frames"])
         step = 1 if kind == "start" else -1
         row.running[place] = np.maximum(row.running[place] + step, 0)  # who begins late has not seen every start

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
-from yesnt.core.errors import ClusterLostError
+from yesnt.core.errors import ClusterLostError, RunCancelledError
 from yesnt.runtime.launchers.local import restore_environment
 from yesnt.runtime.launchers.spec import ClusterSpec
 from yesnt.runtime.launchers.table import Running, launched
@@ -69,7 +69,7 @@ def open_cluster(spec: ClusterSpec, modules: tuple[str, ...] = ()) -> Iterator[C
         try:
             prepare_workers(client, prepare_plugin(modules, compiles=spec.kind != "local"))
             yield client
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, RunCancelledError):
             stop_now(client)
             raise
         except ClusterLostError as error:  # the launcher may know why

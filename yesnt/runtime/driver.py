@@ -89,8 +89,8 @@ class Driver:
         book: the commit records.
         task: importable function that runs a node on a worker.
         settings: retries and deaths.
-        listen: called with a small dictionary for every event: start, done, retry, failed, worker_died, dead, skipped,
-            waiting.
+        listen: called with a small dictionary for every event: start, done, retry, failed, worker_died, dead, deferred,
+            skipped, waiting.
         supervisor: says which tasks may start; None: all.
     """
 
@@ -223,6 +223,7 @@ class Driver:
                 future = self._running.pop(node.id, None)
                 if future is not None:
                     future.release()
+                    self._tell("deferred", node, reason=reason)
                 if node.id in self._suspects:
                     self._suspects.remove(node.id)
                 self._ready.remove(node.id)
@@ -300,7 +301,8 @@ class Driver:
         if isinstance(error, no_worker_errors()):
             if not self._supervisor.hosts.elsewhere(node.id, self._watch.threads):
                 raise without_workers() from error
-            self._ready.push(node.id)  # the workers that it was sent to are gone; others are there
+            self._tell("deferred", node, reason="the workers that it was sent to are gone")
+            self._ready.push(node.id)
             return
         reason = str(error) if isinstance(error, YesntError) else f"{type(error).__name__}: {error}"
         self._blame(node, worker_of(error), reason)
@@ -312,6 +314,7 @@ class Driver:
     def _wait_for_more(self, node: Node, error: BaseException) -> None:
         """Puts a node back that met a shortage: no failure of its own."""
         what = "the disk is full" if is_full(error) else str(error)
+        self._tell("deferred", node, reason=what)
         self._supervisor.shortages.met(node.stage.name, f"frame {node.frames[0]}: {what}")
         self._ready.push(node.id)
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack
 from typing import Any
 
+from yesnt.core.errors import RunCancelledError
 from yesnt.runtime.cluster import address_of, dashboard_of, open_cluster, warm_up
 from yesnt.runtime.launchers.spec import ClusterSpec
 from yesnt.runtime.live_grid import frame_grid_of
@@ -15,6 +16,8 @@ from yesnt.runtime.precompile import Precompilation
 from yesnt.runtime.stop_cluster import stop_now
 
 Listener = Callable[[Mapping[str, Any]], None]
+
+CHECK_SECONDS = 0.5
 
 
 class LazyCluster:
@@ -43,10 +46,18 @@ class LazyCluster:
                 lambda: self._stack.enter_context(open_cluster(self._spec, self._modules))
             )
 
-    def client(self, tell: Listener) -> Any:
-        """The client, started if need be."""
+    def client(self, tell: Listener, check: Callable[[], None] = lambda: None) -> Any:
+        """The client, started if need be.
+
+        Args:
+            tell: called with events.
+            check: called twice a second while it starts; what it raises ends the wait.
+        """
         self.begin(tell)
         assert self._started is not None
+        for started in (self._started, self._compiled):
+            while started is not None and not wait([started], CHECK_SECONDS).done:
+                check()
         client = self._started.result()
         if self._compiled is not None:
             self._compiled.result()
@@ -60,10 +71,10 @@ class LazyCluster:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *rest: Any) -> None:
-        """Stops the compilers and the workers, if there are any; at once if the user interrupts the run."""
+        """Stops the compilers and the workers, if there are any; at once if the user interrupts or cancels the run."""
         if self._compiling is not None:
             self._compiling.close()
-        if kind is None or not issubclass(kind, KeyboardInterrupt):
+        if kind is None or not issubclass(kind, KeyboardInterrupt | RunCancelledError):
             self._starter.shutdown(wait=True)
             self._stack.__exit__(kind, *rest)  # the launcher may know better why a cluster was lost
             return

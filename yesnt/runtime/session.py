@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import json
-import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import Any
 
-from yesnt.core.errors import UsageError
 from yesnt.core.job_progress import Progress, no_progress
 from yesnt.core.stage_id import StageId
 from yesnt.io.color_config import convert
-from yesnt.io.durable import sweep_partials, write_json
-from yesnt.io.jobfile import parse_frames
-from yesnt.io.lease import LeaseState
+from yesnt.io.dead_marks import DeadMarks, Marks
+from yesnt.io.durable import sweep_partials
+from yesnt.io.lease import Lease, LeaseState
 from yesnt.io.output import OutputFolder
 from yesnt.io.preview import thumbnail
 from yesnt.io.record_index import RecordIndex
@@ -27,57 +24,35 @@ from yesnt.io.store import FrameStore
 from yesnt.planning import settings as of
 from yesnt.planning.chunks import ChunkPlan, Extent, fits_whole, matte_extent, plan_chunks
 from yesnt.planning.frame_grid import DEAD, FrameGrid
-from yesnt.planning.graph import Graph, Node, NodeId
+from yesnt.planning.graph import Graph, NodeId
 from yesnt.planning.resources import needs_gpu
 from yesnt.planning.shot_plan import ShotPlan
-from yesnt.planning.stages import FORMER_ARRAYS, STAGES
-from yesnt.runtime.driver import Driver, DriverSettings, Outcome, is_done
+from yesnt.planning.stages import STAGES
+from yesnt.runtime.driver import Driver, Outcome, is_done
 from yesnt.runtime.input_checks import InputChecks
 from yesnt.runtime.launchers.spec import ClusterSpec
 from yesnt.runtime.launchers.table import check_cluster
 from yesnt.runtime.lazy_cluster import LazyCluster
 from yesnt.runtime.live_grid import LiveGrid
 from yesnt.runtime.preflight import Resolved, resolve
+from yesnt.runtime.run_log import RunLog, open_run_log
+from yesnt.runtime.run_options import (
+    Forced,
+    RunOptions,
+    RunResult,
+    check_stage,
+    forget_with_users,
+    parse_force,
+    wanted_frames,
+    wanted_order,
+)
+from yesnt.runtime.submission import submission_of_this_process
+from yesnt.runtime.supervisor import Supervisor, Watched
+from yesnt.runtime.sweep import sweep_transients
 from yesnt.tasks.run import run_node, worker_modules
 from yesnt.workflows.shot import shot_graph
 
 Listener = Callable[[Mapping[str, Any]], None]
-
-
-@dataclass(frozen=True)
-class RunOptions:
-    """What the command line adds to a job.
-
-    Attributes:
-        frames: the frames to deliver, as a range; None: all. Their chunks and halos are made too.
-        until: the last stage to run; None: all.
-        cluster: where tasks run.
-        driver: retries and deaths.
-    """
-
-    frames: str | None = None
-    until: str | None = None
-    cluster: ClusterSpec = field(default_factory=ClusterSpec)
-    driver: DriverSettings = field(default_factory=DriverSettings)
-
-
-@dataclass
-class RunResult:
-    """Result of `Session.run`.
-
-    Attributes:
-        outcome: of all passes over the graph.
-        missing: (stage, frame) -> why it could not be made.
-        warnings: of the input checks.
-        output: the output folder.
-        dashboard: address of the scheduler's dashboard; "" if no cluster was needed.
-    """
-
-    outcome: Outcome = field(default_factory=Outcome)
-    missing: dict[tuple[StageId, int], str] = field(default_factory=dict)
-    warnings: list[str] = field(default_factory=list)
-    output: Path = Path()
-    dashboard: str = ""
 
 
 @dataclass(frozen=True)
@@ -161,16 +136,8 @@ class Session:
         Raises:
             UsageError: an unknown stage, or frames that the shot has not.
         """
-        if options.until is not None and options.until not in STAGES:
-            raise UsageError(
-                f"No stage {options.until!r}", "--until", f"one of {', '.join(STAGES)}", "check its spelling"
-            )
-        wanted = set(self.job.frames if options.frames is None else parse_frames(options.frames, "--frames"))
-        unknown = sorted(wanted - set(self.job.frames))
-        if unknown:
-            raise UsageError(
-                f"The shot has no frame {unknown[0]}", "--frames", self.job.shot.frames, "choose among these"
-            )
+        check_stage(options.until, "--until")
+        wanted = set(wanted_frames(self.job, options.frames))
         last = options.until or ("preview" if options.frames is None else "composite")
         if last in ("preview", "composite") and not wanted.isdisjoint(self.job.frames):
             chosen = [n.id for n in graph if n.stage.label == last and not wanted.isdisjoint(n.frames)]
@@ -199,50 +166,75 @@ class Session:
         wanted = graph.closure(self.targets(graph, options))  # wrong options are refused before anything is written
         warnings = self.checks.form()
         result = RunResult(warnings=warnings, output=self.output.root)
+        forced = [parse_force(self.job, text) for text in options.force]
         with LazyCluster(where, worker_modules(self.job.shot)) as cluster:
-            if any(not is_done(self.book, node) for node in wanted):
+            if forced or any(not is_done(self.book, node) for node in wanted):
                 cluster.begin(listen)
             result.warnings += self.checks.content()
             gone: list[LeaseState] = []
-            with self.output.lock(gone.append), self._live_grid() as grid, self._events(listen, grid) as tell:
-                for state in gone:
-                    tell(
-                        {"event": "taken_over", "time": time.time(), "owner": str(state.owner or "an unknown process")}
-                    )
-                self.remember()
-                sweep_partials(self.output.root)
-                self.book.keep_only(self.job.frames)
-                self.output.exr.mkdir(parents=True, exist_ok=True)
-                result.missing = dict(self.marked_dead())
-                while self._pass(options, result, cluster, tell, grid):
-                    pass
-                self._sweep_transients()
-                self._index_records()
+            with self.output.lock(gone.append) as lease, self._live_grid() as grid:
+                log = RunLog(self.output.run_state, lease, submission_of_this_process())
+                with open_run_log(log, self.output.events, (grid.apply, listen)) as tell:
+                    run = _Run(options, result, cluster, tell, grid, self._supervisor(log, lease, options, tell))
+                    try:
+                        self._run_all(run, forced, gone)
+                    except BaseException as error:
+                        log.end(error, 0)
+                        raise
+                    log.end(None, len(result.missing))
                 result.dashboard = cluster.dashboard
         return result
 
-    def _pass(
-        self, options: RunOptions, result: RunResult, cluster: LazyCluster, tell: Listener, grid: LiveGrid
-    ) -> bool:
+    def _run_all(self, run: _Run, forced: list[Forced], gone: list[LeaseState]) -> None:
+        """Everything that only the holder of the lease may do."""
+        for state in gone:
+            owner = str(state.owner or "an unknown process")
+            run.tell({"event": "taken_over", "time": time.time(), "owner": owner})
+        self.remember()
+        sweep_partials(self.output.root)
+        self.book.keep_only(self.job.frames)
+        for force in forced:
+            forget_with_users(self.graph(), self.book, force)
+        self.output.exr.mkdir(parents=True, exist_ok=True)
+        run.result.missing = dict(self.marked_dead())
+        while self._pass(run):
+            pass
+        run.supervisor.confirm()
+        sweep_transients(self.graph(), self.book, self.output)
+        self._index_records()
+
+    def _supervisor(self, log: RunLog, lease: Lease, options: RunOptions, tell: Listener) -> Supervisor:
+        """Watches the run's commands, its lease, and that there is room for the frames under way."""
+        frame = self.job.width * self.job.height * sum(row.cost.disk_bytes_per_pixel for row in STAGES.values())
+        names = tuple(name for name in (log.run, submission_of_this_process()) if name)
+        room = int(frame * max(2, options.cluster.workers))
+        return Supervisor(Watched(names, self.output.commands, lease, self.output.root, room), tell)
+
+    def _pass(self, run: _Run) -> bool:
         """Drives the graph once; True if frames were lost that the next pass must do without."""
+        result, tell = run.result, run.tell
         known = Missing(dict(result.missing))
         plan, graph = self.plan(known), self.graph(known)
-        graph = graph.closure(self.targets(graph, options))
+        graph = graph.closure(self.targets(graph, run.options))
         FrameStore.create(
             self.output.store, plan.arrays(), self.job.frames, self.job.height, self.job.width
         )  # fmt: skip
-        driver = Driver(self.job, graph, self.book, run_node, options.driver, tell)
+        settings = replace(run.options.driver, order=wanted_order(self.job, run.options.frames))
+        driver = Driver(self.job, graph, self.book, run_node, settings, tell, run.supervisor)
         reused = driver.reuse()
         tell({"event": "plan", "stages": _count(graph), "reused": _count_ids(reused.reused)})
-        grid.lay_out(graph, reused.reused)
-        outcome = driver.run(grid.published(cluster.client(tell))) if driver.remaining else reused
+        run.grid.lay_out(graph, reused.reused)
+        outcome = reused
+        if driver.remaining:
+            outcome = driver.run(run.grid.published(run.cluster.client(tell, run.supervisor.check)))
         _merge(result.outcome, outcome)
         for reasons in (outcome.failed, outcome.dead):
             for node_id, reason in reasons.items():
                 node = graph.nodes[node_id]
                 result.missing |= {(node.stage, frame): reason for frame in node.frames}
                 if reasons is outcome.dead:
-                    self._mark_dead(node, reason)
+                    run.supervisor.confirm()
+                    self.dead_marks.set(node.stage, node.frames, reason)
         lost = {stage.name for stage, _ in (*outcome.failed, *outcome.dead)}
         found = len(result.missing) > len(known.reasons)  # else the next pass would fail alike
         return bool(found and outcome.blocked and lost - {"preview"})  # a video cannot leave out frames of its own
@@ -255,42 +247,14 @@ class Session:
                 index.find(node.stage, frame)
         index.save()
 
-    def _sweep_transients(self) -> None:
-        """Removes transient results once all their users are done: earlier sweeps, windows, video segments."""
-        graph = self.graph()
-        kept = [node for node in graph if not node.transient]
-        for name in {node.stage.name for node in graph if node.transient}:
-            passing = {node.id for node in graph if node.transient and node.stage.name == name}
-            served = [node for node in kept if not passing.isdisjoint(node.needs)]
-            if all(is_done(self.book, node) for node in served):
-                # Records first: no record without its frame.
-                for folder in (self.book.folder, self.output.store, self.output.segments):
-                    for transient in folder.glob(f"{name}.*"):
-                        shutil.rmtree(transient)
-        self._sweep_former()
+    @property
+    def dead_marks(self) -> DeadMarks:
+        """Marks of frames that are left out."""
+        return DeadMarks(self.output.dead)
 
-    def _sweep_former(self) -> None:
-        """Removes records and arrays that older versions kept under other names."""
-        for name in (row.former_name for row in STAGES.values() if row.former_name):
-            shutil.rmtree(self.book.folder / name, ignore_errors=True)
-        for name in FORMER_ARRAYS:
-            shutil.rmtree(self.output.store / name, ignore_errors=True)
-
-    def marked_dead(self) -> dict[tuple[StageId, int], str]:
-        """Frames that killed their workers in an earlier run; `retry` takes the marks away."""
-        marks = {}
-        for path in sorted(self.output.dead.glob("*/*.json")):
-            document = json.loads(path.read_text())
-            stage = StageId.parse(document["stage"])
-            if stage.name in STAGES:  # else another version of the product left it
-                marks[stage, document["frame"]] = document["reason"]
-        return marks
-
-    def _mark_dead(self, node: Node, reason: str) -> None:
-        for frame in node.frames:
-            path = self.output.dead / node.stage.label / f"{frame:04d}.json"
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write_json(path, {"stage": node.stage.label, "frame": frame, "reason": reason})
+    def marked_dead(self) -> Marks:
+        """Frames that killed their workers in an earlier run, or were skipped; `retry` takes the marks away."""
+        return {at: why for at, why in self.dead_marks.read().items() if at[0].name in STAGES}
 
     @contextmanager
     def _live_grid(self) -> Iterator[LiveGrid]:
@@ -307,18 +271,17 @@ class Session:
         finally:
             live.close()
 
-    @contextmanager
-    def _events(self, listen: Listener, grid: LiveGrid) -> Iterator[Listener]:
-        """Every event goes to the event log, to the frame grid and to the listener."""
-        with self.output.events.open("a", encoding="utf-8") as stream:
 
-            def tell(event: Mapping[str, Any]) -> None:
-                stream.write(json.dumps(event, default=str) + "\n")
-                stream.flush()
-                grid.apply(event)
-                listen(event)
+@dataclass(frozen=True)
+class _Run:
+    """What belongs to one run of a session."""
 
-            yield tell
+    options: RunOptions
+    result: RunResult
+    cluster: LazyCluster
+    tell: Listener
+    grid: LiveGrid
+    supervisor: Supervisor
 
 
 def _count(graph: Graph) -> dict[str, int]:

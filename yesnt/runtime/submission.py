@@ -57,17 +57,20 @@ def new_submission_id(name: str) -> str:
 
 def driver_command(identifier: str, arguments: Sequence[str]) -> list[str]:
     """The command of a driver, with which it is known as that submission's."""
-    return ["env", f"{VARIABLE}={identifier}", sys.executable, "-m", "yesnt", "run", *arguments]
+    return ["/usr/bin/env", f"{VARIABLE}={identifier}", sys.executable, "-m", "yesnt", "run", *arguments]
 
 
 def start_detached(output: OutputFolder, identifier: str, arguments: Sequence[str]) -> str:
-    """Starts a driver on this machine that outlives its terminal; returns where it runs."""
-    with output.driver_log.open("ab") as log:
-        process = subprocess.Popen(
-            driver_command(identifier, arguments), stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
-            start_new_session=True,
-        )  # fmt: skip
-    return f"{platform.node()} pid {process.pid}"
+    """Starts a driver on this machine that outlives this process and its terminal; returns where it runs."""
+    command = driver_command(identifier, arguments)
+    append = os.O_WRONLY | os.O_CREAT | os.O_APPEND
+    files = [
+        (os.POSIX_SPAWN_OPEN, 0, os.devnull, os.O_RDONLY, 0),
+        (os.POSIX_SPAWN_OPEN, 1, str(output.driver_log), append, 0o644),
+        (os.POSIX_SPAWN_DUP2, 1, 2),
+    ]
+    pid = os.posix_spawn(command[0], command, os.environ, file_actions=files, setsid=True)
+    return f"{platform.node()} pid {pid}"
 
 
 def start_batch(script: str) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import platform
-import subprocess
 import sys
 import time
 import uuid
@@ -13,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from yesnt.core.errors import YesntError
 from yesnt.io.commands import own_name
 from yesnt.io.durable import write_json
 from yesnt.io.output import OutputFolder
@@ -71,21 +69,6 @@ def start_detached(output: OutputFolder, identifier: str, arguments: Sequence[st
     ]
     pid = os.posix_spawn(command[0], command, os.environ, file_actions=files, setsid=True)
     return f"{platform.node()} pid {pid}"
-
-
-def start_batch(script: str) -> str:
-    """Hands a job script to Slurm; returns the job's number there.
-
-    Raises:
-        YesntError: Slurm refuses it.
-    """
-    done = subprocess.run(["sbatch", "--parsable"], input=script, text=True, capture_output=True, check=False)
-    if done.returncode:
-        raise YesntError(
-            f"Slurm refuses the job ({done.stderr.strip().splitlines()[-1] if done.stderr.strip() else 'no reason'})",
-            "sbatch", "a job that may be queued", "look at the profile's partition, time and memory",
-        )  # fmt: skip
-    return f"slurm {done.stdout.strip().partition(';')[0]}"
 
 
 def keep(output: OutputFolder, submission: Submission) -> None:

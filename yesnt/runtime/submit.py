@@ -10,10 +10,15 @@ from yesnt.core.shot import Shot
 from yesnt.io.jobfile import parse_frames
 from yesnt.io.output import OutputFolder
 from yesnt.runtime.control import open_output
+from yesnt.runtime.launchers.allocation import submission_script
+from yesnt.runtime.launchers.slurm_commands import require_command, submit
 from yesnt.runtime.launchers.spec import ClusterSpec, read_cluster
 from yesnt.runtime.launchers.table import check_cluster
 from yesnt.runtime.run_options import check_stage
-from yesnt.runtime.submission import Submission, keep, made_now, new_submission_id, start_detached
+from yesnt.runtime.submission import Submission, driver_command, keep, made_now, new_submission_id, start_detached
+
+SLURM = "slurm"
+"""Kind of cluster whose drivers are jobs of its own; those of all others are processes of this machine."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +59,10 @@ def submit_run(path: Path, options: SubmitOptions) -> Submission:
         check_stage(force.partition(":")[0], f"--force {force}")
     _check_frames(shot, options.frames)
     spec = read_cluster(options.cluster, options.workers, options.insecure)
-    check_cluster(spec)
+    if spec.kind == SLURM:
+        require_command("sbatch")  # whether the job's own cluster can be had shows inside of the job
+    else:
+        check_cluster(spec)
     output.check(0)
     output.refuse_if_running()
     output.run.mkdir(parents=True, exist_ok=True)
@@ -68,7 +76,10 @@ def submit_run(path: Path, options: SubmitOptions) -> Submission:
 
 def _start(output: OutputFolder, identifier: str, arguments: list[str], spec: ClusterSpec) -> tuple[str, list[str]]:
     """Starts the driver; returns where it is, and its arguments."""
-    return start_detached(output, identifier, arguments), arguments
+    if spec.kind != SLURM:
+        return start_detached(output, identifier, arguments), arguments
+    script = submission_script(spec, driver_command(identifier, arguments), output.driver_log)
+    return f"slurm job {submit(script, output.run)}", arguments
 
 
 def _check_frames(shot: Shot, text: str | None) -> None:

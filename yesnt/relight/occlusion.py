@@ -114,7 +114,7 @@ def occlusion(
             hits = sparse_hits(occluders.proxy, occluders.origins, pixels, band, light.clusters, footprint)
         else:
             hits = occluders.proxy.cluster_hits(origins, normals, light.clusters)
-        mirror, cluster = _mirror_rays(occluders.proxy, origins, pixels, part, light.clusters, hits)
+        mirror, cluster = trace_mirrored(occluders.proxy, origins, pixels, part, light.clusters, hits)
         if indirect is None:
             return hits != OPEN, None
         return hits != OPEN, indirect.towards(PixelRays(hits, light.clusters.direction, mirror, cluster))
@@ -123,7 +123,7 @@ def occlusion(
     return march(occluders.depth, origins, normals, light.clusters.direction, settings.march_steps), None
 
 
-def _mirror_rays(
+def trace_mirrored(
     proxy: ProxyScene, origins: F32, pixels: Pixels, part: slice, clusters: Clusters, hits: I32
 ) -> tuple[F32, I32]:
     """Replaces, for sharp pixels, the ray to the middle of one cluster by a ray along the mirrored view.

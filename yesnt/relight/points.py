@@ -57,6 +57,14 @@ class Pixels:
         """cos_o = n.v [P], clamped as in the kernels."""
         return np.clip((self.normal * self.view).sum(axis=1), COS_MIN, 1.0)
 
+    def taken(self, which: slice | NDArray[np.intp]) -> Pixels:
+        """Some of the pixels."""
+        turn = None if self.turn is None else self.turn[which]
+        return Pixels(
+            self.index[which], self.shape, self.position[which], self.normal[which], self.view[which],
+            self.roughness[which], self.metallic[which], turn,
+        )  # fmt: skip
+
     def image(self, values: F32) -> F32:
         """Image [H, W] or [H, W, C] of values [P] or [P, C]; 0 elsewhere."""
         flat = np.zeros((self.shape[0] * self.shape[1], *values.shape[1:]), dtype=np.float32)

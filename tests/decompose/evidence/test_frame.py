@@ -1,0 +1,171 @@
+"""The evidence on a painted sphere whose pictures come from a sum in float64 that shares no kernel with yesnt."""
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numba
+import numpy as np
+import pytest
+
+from tests.decompose.evidence.scenes import RELIGHT, around, inputs, look_from, smooth_light
+from yesnt.decompose.evidence.frame import PLATE, measure_frame
+from yesnt.decompose.evidence.settings import EvidenceSettings
+
+SETTINGS = EvidenceSettings()
+SIZE = 24
+
+
+@lru_cache(maxsize=4)
+def scene(count=8, strength=0.8, bands=None):
+    """Inputs with `count` cameras and the painted materials."""
+    more = {} if bands is None else {"bands": bands}
+    return inputs(around(count), smooth_light(strength), SIZE, **more)
+
+
+def measured(given, settings=SETTINGS):
+    """The evidence, and where the matte is."""
+    return measure_frame(given, RELIGHT, settings), given.surface.opacity > 0.5
+
+
+def error(found, truth, inside):
+    """RMSE of roughness and of metallic."""
+    pair = zip(found.mean, (truth.roughness, truth.metallic), strict=True)
+    return [float(np.sqrt(np.square(a[inside] - b[inside]).mean())) for a, b in pair]
+
+
+def guess_error(given, truth, inside):
+    surface = given.surface
+    pair = ((surface.roughness, truth.roughness), (surface.metallic, truth.metallic))
+    return [float(np.sqrt(np.square(a[inside] - b[inside]).mean())) for a, b in pair]
+
+
+def test_eight_cameras_measure_what_the_model_cannot() -> None:
+    given, truth = scene()
+    found, inside = measured(given)
+    roughness, metallic = error(found, truth, inside)
+    first = guess_error(given, truth, inside)
+    assert roughness < 0.75 * first[0]
+    assert metallic < 0.6 * first[1]
+    right = (found.mean[1] > 0.5) == (truth.metallic > 0.5)
+    assert right[inside].mean() > 0.9
+    assert found.left_out == {}
+    assert found.views[inside].max() <= 9
+    assert found.views[inside].mean() > 4
+    assert (found.std <= 0.5).all()
+    assert (found.mean >= 0).all()
+    assert (found.mean <= 1).all()
+
+
+def test_more_cameras_tell_more() -> None:
+    (few, truth), (many, _) = scene(4), scene(8)
+    a, inside = measured(few)
+    b, _ = measured(many)
+    assert sum(error(b, truth, inside)) < sum(error(a, truth, inside))
+    assert b.std[:, inside].mean() < a.std[:, inside].mean()
+
+
+def test_the_result_does_not_depend_on_tiles_or_threads() -> None:
+    given, _ = scene(4)
+    whole, _ = measured(given)
+    before = numba.get_num_threads()
+    numba.set_num_threads(1)
+    try:
+        tiled, _ = measured(given, EvidenceSettings(tile=40))
+    finally:
+        numba.set_num_threads(before)
+    for name in ("mean", "std", "views"):
+        np.testing.assert_array_equal(getattr(whole, name), getattr(tiled, name))
+
+
+def test_twice_the_light_and_twice_the_pictures_give_the_same_materials() -> None:
+    from yesnt.relight.frame import prepare_capture
+
+    given, _ = scene(4)
+    env = smooth_light()
+    bright = replace(
+        given, plate=2 * given.plate, views=[replace(v, radiance=2 * v.radiance) for v in given.views],
+        light=prepare_capture(env.turned((0, 0, 0), 1.0), RELIGHT),
+    )  # fmt: skip
+    np.testing.assert_allclose(measured(bright)[0].mean, measured(given)[0].mean, atol=2e-3)
+
+
+def test_one_camera_and_uniform_light_leave_the_model_its_estimate() -> None:
+    given, truth = scene(1, 0.0)
+    found, inside = measured(given)
+    alone = inside & (found.views == 0)
+    assert alone.any(), "the camera sees one side only"
+    np.testing.assert_array_equal(found.mean[0][alone], given.surface.roughness[alone])
+    np.testing.assert_array_equal(found.std[1][alone], given.spread[1][alone])
+    assert error(found, truth, inside)[0] < 1.1 * guess_error(given, truth, inside)[0]
+
+
+def test_a_capture_that_sees_nothing_of_the_plate_changes_nothing() -> None:
+    given, _ = scene(4)
+    behind = inputs([(0.1, 1, 0), (-0.1, 1, 0.1)], smooth_light(), SIZE)[0].views
+    found, inside = measured(replace(given, views=behind))
+    assert not found.views[inside].any()
+    np.testing.assert_array_equal(found.mean[0], given.surface.roughness)
+    none, _ = measured(replace(given, views=[]))
+    np.testing.assert_array_equal(none.std, given.spread)
+
+
+def test_nan_pixels_of_a_camera_are_not_observed() -> None:
+    given, _ = scene(4)
+    radiance = given.views[0].radiance.copy()
+    radiance[SIZE // 2 - 3 : SIZE // 2 + 3] = np.nan
+    found, inside = measured(replace(given, views=[replace(given.views[0], radiance=radiance), *given.views[1:]]))
+    whole, _ = measured(given)
+    assert np.isfinite(found.mean).all()
+    assert found.views[inside].sum() < whole.views[inside].sum()
+
+
+@pytest.mark.parametrize("bands", [((0.05, 1.0, (0.9, 0.9, 0.9)),) * 2, ((0.6, 0.0, (0.0, 0.0, 0.0)),) * 2])
+def test_mirrors_and_black_surfaces_stay_finite_and_plausible(bands) -> None:
+    given, truth = scene(6, 0.8, bands)
+    found, inside = measured(given)
+    assert np.isfinite(found.mean).all()
+    assert np.isfinite(found.std).all()
+    assert error(found, truth, inside)[1] < guess_error(given, truth, inside)[1]
+
+
+def with_view(given, number, **changes):
+    views = list(given.views)
+    views[number] = replace(views[number], **changes)
+    return replace(given, views=views)
+
+
+def test_a_camera_of_twice_the_gain_is_named_and_left_out() -> None:
+    given, truth = scene()
+    clean, inside = measured(given)
+    found, _ = measured(with_view(given, 3, radiance=2 * given.views[3].radiance))
+    assert list(found.left_out) == ["c03"]
+    assert found.left_out["c03"].startswith("its picture is 2.")
+    assert found.gains["c03"] == pytest.approx(2, rel=0.1)
+    assert sum(error(found, truth, inside)) < 1.15 * sum(error(clean, truth, inside))
+
+
+def test_a_black_picture_is_named_and_left_out() -> None:
+    given, _ = scene()
+    found, _ = measured(with_view(given, 2, radiance=0 * given.views[2].radiance))
+    assert found.left_out == {"c02": "its picture is black where the others see the subject"}
+
+
+def test_a_wrong_pose_is_named_and_left_out() -> None:
+    given, _ = scene()
+    camera = look_from(around(8)[1] + [0, 0, 0], SIZE, 4.0)
+    pose = camera.poses[7].copy()
+    pose[:3, 3] += 0.6 * pose[:3, 0]  # a third of the subject aside
+    moved = replace(camera, poses={7: pose})
+    found, _ = measured(with_view(given, 1, camera=moved))
+    assert list(found.left_out) == ["c01"]
+    assert "wrong pose" in found.left_out["c01"]
+    matte = np.ones_like(given.views[5].matte)  # no matte at all
+    assert "% of what the proxy shows" in measured(with_view(given, 5, matte=matte))[0].left_out["c05"]
+    blind = replace(camera, poses={7: camera.poses[7] @ np.diag([1.0, -1, -1, 1])})
+    assert measured(with_view(given, 1, camera=blind))[0].left_out["c01"] == "it does not see the subject"
+
+
+def test_a_plate_of_another_exposure_is_named_too() -> None:
+    given, _ = scene()
+    found, _ = measured(replace(given, plate=2 * given.plate))
+    assert list(found.left_out) == [PLATE]

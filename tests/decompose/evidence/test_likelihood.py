@@ -1,0 +1,112 @@
+import numpy as np
+import pytest
+
+from yesnt.decompose.evidence import fit, reference
+from yesnt.decompose.evidence.posterior import log_prior, metallic_shares, moments, posterior
+from yesnt.decompose.evidence.records import Observations, Responses
+from yesnt.decompose.evidence.settings import METALLIC, ROUGHNESS, EvidenceSettings
+
+SETTINGS = EvidenceSettings()
+
+
+def random_case(points=40, views=5, seed=3):
+    """Responses of a plausible size, and what a random base colour would show, with noise."""
+    rng = np.random.default_rng(seed)
+    shape = points, views, len(ROUGHNESS)
+    lobes = [rng.uniform(0, high, (*shape, 3)).astype(np.float32) for high in (1, 0.2, 1, 0.2)]
+    missing, average = rng.uniform(0, 0.5, shape), rng.uniform(0.4, 1, len(ROUGHNESS))
+    of = Responses(*lobes, missing.astype(np.float32), average.astype(np.float32))
+    radiance = rng.uniform(0, 1.2, (points, views, 3)).astype(np.float32)
+    sigma = np.sqrt((0.06 * radiance) ** 2 + 0.004**2).astype(np.float32)
+    return Observations(radiance, sigma, rng.random((points, views)) < 0.7), of
+
+
+def test_the_compiled_likelihood_is_the_reference() -> None:
+    seen, of = random_case()
+    fast, slow = (one.negative_log_likelihood(seen, of, SETTINGS) for one in (fit, reference))
+    np.testing.assert_allclose(fast, slow, rtol=2e-5, atol=1e-4)
+
+
+def test_it_is_the_same_to_the_bit_for_any_number_of_threads() -> None:
+    import numba
+
+    seen, of = random_case(points=600)
+    before = numba.get_num_threads()
+    found = []
+    try:
+        for threads in (1, before):
+            numba.set_num_threads(threads)
+            found.append(fit.negative_log_likelihood(seen, of, SETTINGS))
+    finally:
+        numba.set_num_threads(before)
+    np.testing.assert_array_equal(*found)
+
+
+def test_a_point_that_no_camera_sees_tells_nothing() -> None:
+    seen, of = random_case()
+    blind = seen._replace(valid=np.zeros_like(seen.valid))
+    assert not fit.negative_log_likelihood(blind, of, SETTINGS).any()
+
+
+def test_the_material_that_was_rendered_has_the_largest_likelihood() -> None:
+    seen, of = random_case(views=8)
+    base, r, m = np.full((len(seen.valid), 3), 0.4), 5, 4
+    slope, offset = reference.linear_form(of, base, r, METALLIC[m])
+    exact = seen._replace(radiance=(base[:, None] * slope + offset).astype(np.float32), valid=np.ones_like(seen.valid))
+    cost = fit.negative_log_likelihood(exact, of, SETTINGS).reshape(len(base), -1)
+    assert (cost.argmin(axis=1) == r * len(METALLIC) + m).mean() > 0.95
+    found = reference.best_base_color(exact, of, SETTINGS, r, METALLIC[m])
+    np.testing.assert_allclose(found, base, atol=2e-3)
+
+
+def test_base_colour_stays_within_0_and_1() -> None:
+    seen, of = random_case()
+    for factor in (0.0, 50.0):  # black, and brighter than any surface can be
+        odd = seen._replace(radiance=seen.radiance * np.float32(factor))
+        base = reference.best_base_color(odd, of, SETTINGS, 3, 0.0)
+        assert base.min() >= 0
+        assert base.max() <= 1
+        assert np.isfinite(fit.negative_log_likelihood(odd, of, SETTINGS)).all()
+
+
+def test_one_camera_that_contradicts_seven_hardly_moves_the_base_colour() -> None:
+    seen, of = random_case(views=8)
+    base, every = np.full((len(seen.valid), 3), 0.4), np.ones_like(seen.valid)
+    slope, offset = reference.linear_form(of, base, 5, 0.0)
+    radiance = (base[:, None] * slope + offset).astype(np.float32)
+    sigma = (0.06 * radiance + 0.004).astype(np.float32)
+    spoilt = radiance.copy()
+    spoilt[:, 0] *= 2
+    found = reference.best_base_color(Observations(spoilt, sigma, every), of, SETTINGS, 5, 0.0)
+    once = reference.best_base_color(
+        Observations(spoilt, sigma, every), of, EvidenceSettings(freedom=1e9), 5, 0.0
+    )  # plain least squares
+    assert np.abs(found - base).mean() < 0.5 * np.abs(once - base).mean()
+
+
+def test_without_evidence_the_posterior_is_the_prior() -> None:
+    mean, spread = np.array([[0.5, 0.0], [0.8, 1.0]]), np.full((2, 2), 0.05)
+    prior = log_prior(mean, spread, SETTINGS)
+    probability = posterior(np.zeros(prior.shape), prior, SETTINGS)
+    np.testing.assert_allclose(probability, np.exp(prior) / np.exp(prior).sum((1, 2), keepdims=True), rtol=1e-9)
+    found, std = moments(probability)
+    np.testing.assert_allclose(found[:, 0], [0.5, 0.8], atol=0.1, err_msg="the model's roughness stands")
+    assert found[0, 1] < 0.25 < found[1, 1], "metallic follows the model"
+    assert (std > 0).all()
+    assert (std <= 0.5).all()
+
+
+def test_evidence_makes_the_posterior_narrow_and_half_metals_are_possible() -> None:
+    cost = np.full((1, len(ROUGHNESS), len(METALLIC)), 10.0)
+    cost[0, 5, 2] = 0.0
+    prior = log_prior(np.array([[0.9, 0.0]]), np.full((1, 2), 0.1), SETTINGS)
+    found, std = moments(posterior(cost, prior, SETTINGS))
+    np.testing.assert_allclose(found, [[ROUGHNESS[5], 0.5]], atol=0.01)
+    assert std.max() < 0.05
+
+
+def test_the_prior_on_metallic_is_smooth() -> None:
+    shares = metallic_shares()
+    assert shares.sum() == pytest.approx(1)
+    assert shares[0] > shares[-1] > shares[1:-1].max()
+    assert shares.min() > 0.02

@@ -1,0 +1,74 @@
+import numpy as np
+import pytest
+
+from yesnt.decompose.evidence.pool import Neighbourhood, pooled
+from yesnt.decompose.evidence.settings import EvidenceSettings
+
+SETTINGS = EvidenceSettings()
+SIDE, VIEWS = 30, 6
+
+
+def plane(**changes):
+    """A plane of one grey, seen by all views; the left half is likely of candidate 0, the right half of candidate 1."""
+    row, column = (a.ravel().astype(np.int32) for a in np.mgrid[:SIDE, :SIDE])
+    count = len(row)
+    number = np.arange(count, dtype=np.int32).reshape(SIDE, SIDE)
+    position = np.stack([column * 0.01, 0 * row, -row * 0.01], axis=1).astype(np.float32)
+    normal = np.tile(np.float32([0, -1, 0]), (count, 1))
+    right = column >= SIDE // 2
+    cost = np.full((count, 4), 0.2, np.float32)
+    cost[:, 0], cost[:, 1] = 0.2 * right, 0.2 * ~right
+    fields = {
+        "color": np.zeros((count, VIEWS, 3), np.float32), "intensity": np.zeros((count, VIEWS), np.float32),
+        "valid": np.ones((count, VIEWS), np.uint8), "position": position, "normal": normal,
+    } | changes  # fmt: skip
+    footprint = np.full(count, 0.01, np.float32)
+    best = right.astype(np.int32)
+    return Neighbourhood(row, column, number, cost, best, *fields.values(), footprint), right
+
+
+def leak(points, right):
+    """Cost of candidate 0 that reaches the four columns on either side of the middle from the other half."""
+    found = pooled(points, range(len(right)), SETTINGS)[:, 0].reshape(SIDE, SIDE)
+    middle = SIDE // 2
+    return found[:, middle - 4 : middle].mean(), points.cost.max() - found[:, middle : middle + 4].mean()
+
+
+def test_a_constant_stays_constant() -> None:
+    points, right = plane()
+    found = pooled(points._replace(cost=np.full_like(points.cost, 0.7)), range(len(right)), SETTINGS)
+    np.testing.assert_allclose(found, 0.7, rtol=1e-5)
+
+
+def test_equal_neighbours_are_averaged() -> None:
+    left, right = (float(v) / 0.2 for v in leak(*plane()))
+    assert min(left, right) > 0.25, "what looks alike everywhere is one material"
+
+
+@pytest.mark.parametrize("what", ["likelihood", "colour", "normal", "depth"])
+def test_what_looks_otherwise_is_not_smeared(what: str) -> None:
+    points, right = plane()
+    color, normal, position = (getattr(points, name).copy() for name in ("color", "normal", "position"))
+    if what == "likelihood":  # of one colour, but the cameras know better
+        points = points._replace(cost=60 * points.cost)
+    elif what == "colour":
+        color[right] += np.float32([0.6, 0, -0.6])
+    elif what == "normal":
+        normal[right] = [-1, 0, 0]
+    else:
+        position[right, 1] += 0.3
+    spoilt = points._replace(color=color, normal=normal, position=position)
+    assert max(leak(spoilt, right)) < 0.06 * spoilt.cost.max(), "the neighbour's material leaks over the border"
+
+
+def test_a_point_is_pooled_with_those_that_a_camera_sees_too() -> None:
+    points, right = plane()
+    valid = points.valid.copy()
+    valid[right] = 0
+    assert leak(points._replace(valid=valid), right)[0] == 0
+
+
+def test_a_range_is_a_part_of_the_whole() -> None:
+    points, right = plane()
+    whole = pooled(points, range(len(right)), SETTINGS)
+    np.testing.assert_array_equal(pooled(points, range(100, 350), SETTINGS), whole[100:350])

@@ -1,0 +1,51 @@
+import numpy as np
+
+from tests.decompose.evidence.scenes import RELIGHT, inputs, smooth_light
+from yesnt.decompose.evidence.observe import prepare_view, sample_view
+from yesnt.decompose.evidence.responses import CaptureScene, probe_points, responses
+from yesnt.decompose.evidence.settings import EvidenceSettings
+from yesnt.decompose.evidence.triangles import proxy_size, shown_radiance
+from yesnt.relight.albedo import multiple_scattering
+from yesnt.relight.occlusion import find_occluders
+from yesnt.relight.points import gather_pixels
+
+SETTINGS = EvidenceSettings()
+MATERIALS = ((0.35, 0.0, (0.5, 0.2, 0.1)), (0.43, 1.0, (0.8, 0.6, 0.3)), (0.83, 0.5, (0.4, 0.4, 0.4)))
+
+
+def test_responses_of_the_true_material_give_the_pictures() -> None:
+    """Each camera's picture, by a full float64 sum over the map, is b A + D at the true roughness and metallic."""
+    directions = [(0.7, -0.7, 0.3), (-0.6, -0.8, -0.2)]
+    for roughness, metallic, base in MATERIALS:
+        given, _ = inputs(directions, smooth_light(), 20, ((roughness, metallic, base),))
+        pixels = gather_pixels(given.surface)
+        views = [prepare_view(view, given.proxy, SETTINGS) for view in given.views]
+        occluders = find_occluders(given.surface, pixels, given.proxy, RELIGHT)
+        scene = CaptureScene(given.light, occluders, shown_radiance(given.proxy, views, SETTINGS), RELIGHT)
+        points = probe_points(pixels, np.arange(len(pixels.index)), scene)
+        size = proxy_size(given.proxy)
+        samples = [sample_view(v, pixels.position, pixels.normal, size, SETTINGS) for v in views]
+        of = responses(points, samples, scene, np.array([roughness]))
+        b = np.array(base)
+        factor = 1 + multiple_scattering(b + (1 - b) / 21, of.average[0]) * of.missing[:, :, 0, None]
+        shown = (1 - metallic) * (b * of.diffuse + of.dielectric)[:, :, 0]
+        shown = shown + metallic * factor * (b * of.metal_f0 + of.metal_f90)[:, :, 0]
+        for v, sample in enumerate(samples):
+            ok = sample.valid & ((pixels.normal * sample.towards).sum(1) > 0.4)  # bilinear samples at the rim are blunt
+            assert ok.sum() > 40
+            relative = np.abs(shown[ok, v] / sample.radiance[ok] - 1)
+            assert np.median(relative) < 0.015
+            assert np.quantile(relative, 0.95) < 0.06
+
+
+def test_an_occluded_direction_shows_what_the_cameras_saw_of_the_occluder() -> None:
+    given, _ = inputs([(0.7, -0.7, 0.3)], smooth_light(0.0), 20, ((0.9, 0.0, (0.5, 0.5, 0.5)),))
+    views = [prepare_view(view, given.proxy, SETTINGS) for view in given.views]
+    shown = shown_radiance(given.proxy, views, SETTINGS)
+    faces = given.proxy.normals
+    facing = faces @ np.array([0.7, -0.7, 0.3]) / np.linalg.norm([0.7, -0.7, 0.3]) > 0.8
+    seen = given.views[0].radiance[given.views[0].matte > 0.5]
+    np.testing.assert_allclose(shown[:-1][facing].mean(0), np.median(seen, axis=0), rtol=0.1)
+    assert not shown[-1].any(), "an open direction adds nothing"
+    away = faces @ np.array([0.7, -0.7, 0.3]) < -0.6
+    np.testing.assert_allclose(shown[:-1][away].mean(0), 0.5 * np.median(seen, axis=0), rtol=0.15)

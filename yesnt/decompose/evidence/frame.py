@@ -1,0 +1,228 @@
+"""Measures the materials of one frame by all cameras of the capture (docs/method.md section 3b)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yesnt.core.color import luminance
+from yesnt.decompose.evidence.consistency import NEUTRAL, agreement, contradictions, silhouette_contradiction
+from yesnt.decompose.evidence.fit import negative_log_likelihood
+from yesnt.decompose.evidence.observe import (
+    Sample,
+    SeenView,
+    local_deviation,
+    observations,
+    prepare_view,
+    sample_view,
+    silhouette_overlap,
+)
+from yesnt.decompose.evidence.pool import Neighbourhood, pooled
+from yesnt.decompose.evidence.posterior import log_prior, moments, posterior
+from yesnt.decompose.evidence.records import FrameEvidence, Observations, View
+from yesnt.decompose.evidence.responses import CaptureScene, lit_points, probe_points, responses
+from yesnt.decompose.evidence.settings import EvidenceSettings, metallic_levels, roughness_levels
+from yesnt.decompose.evidence.triangles import proxy_size, shown_radiance
+from yesnt.relight.lights import PreparedLight
+from yesnt.relight.occlusion import find_occluders
+from yesnt.relight.points import Pixels, Surface, gather_pixels
+from yesnt.relight.proxy import ProxyScene
+from yesnt.relight.settings import RelightSettings
+from yesnt.relight.sparse import Band, bands
+
+F32 = NDArray[np.float32]
+
+PLATE = "plate"
+"""Name of the delivered view among the cameras."""
+
+_PROBES = 1024
+"""Points over which cameras are compared."""
+
+_DARK = 0.01  # share of the light's mean radiance below which log colours are not told apart
+
+
+@dataclass(frozen=True)
+class EvidenceInputs:
+    """Inputs of one frame.
+
+    Attributes:
+        plate: [H, W, 3] straight scene-linear Rec.709, finite.
+        surface: G-buffer, matte and camera of the plate; its roughness and metallic are the model's estimate.
+        spread: [2, H, W] standard deviation of the model's members.
+        views: pictures of the capture's cameras.
+        proxy: mesh of the subject.
+        light: that the plate and all pictures were taken under.
+    """
+
+    plate: F32
+    surface: Surface
+    spread: F32
+    views: list[View]
+    proxy: ProxyScene
+    light: PreparedLight
+
+
+def measure_frame(inputs: EvidenceInputs, relight: RelightSettings, settings: EvidenceSettings) -> FrameEvidence:
+    """Measures the materials of one frame.
+
+    Pure and deterministic: the result depends on the arguments only, to the bit, for any number of threads.
+
+    Args:
+        inputs: of the frame.
+        relight: settings of relighting, whose responses are used.
+        settings: of the evidence.
+    """
+    pixels = gather_pixels(inputs.surface)
+    views, left_out = _matching_views(inputs, settings)
+    scene = _scene(inputs, pixels, views, relight, settings)
+    frame = _Frame(inputs, pixels, scene, settings)
+    views, gains = frame.compare(views, left_out)
+    mean, std, count = frame.measure(views)
+    return FrameEvidence(mean, std, count, left_out, gains)
+
+
+def _matching_views(inputs: EvidenceInputs, settings: EvidenceSettings) -> tuple[list[SeenView], dict[str, str]]:
+    """Views whose matte agrees with the proxy, and why the others are left out."""
+    found, left_out = [], {}
+    for view in inputs.views:
+        reason = silhouette_contradiction(*silhouette_overlap(view, inputs.proxy))
+        if reason is None:
+            found.append(prepare_view(view, inputs.proxy, settings))
+        else:
+            left_out[view.name] = reason
+    return found, left_out
+
+
+def _scene(
+    inputs: EvidenceInputs, pixels: Pixels, views: list[SeenView], relight: RelightSettings, settings: EvidenceSettings
+) -> CaptureScene:
+    """The light with what occludes it: always the proxy, whatever shadows relighting draws."""
+    relight = replace(relight, shadows=True)
+    occluders = find_occluders(inputs.surface, pixels, inputs.proxy, relight)
+    shown = shown_radiance(inputs.proxy, views, settings)
+    return CaptureScene(inputs.light, occluders, shown, relight)
+
+
+@dataclass(frozen=True)
+class _Tile:
+    """A band of pixels whose likelihood is known.
+
+    Attributes:
+        part: the pixels.
+        cost: [N, R * M] minus the log likelihood.
+        log_radiance: [N, V, 3].
+        seen: what the cameras saw.
+    """
+
+    part: slice
+    cost: F32
+    log_radiance: F32
+    seen: Observations
+
+
+class _Frame:
+    """One frame while it is measured."""
+
+    def __init__(self, inputs: EvidenceInputs, pixels: Pixels, scene: CaptureScene, settings: EvidenceSettings) -> None:
+        self._inputs, self._pixels, self._scene, self._settings = inputs, pixels, scene, settings
+        self._size = proxy_size(inputs.proxy)
+        self._rows = pixels.index // pixels.shape[1]
+        texels = inputs.light.texels
+        energy = luminance(texels.energy.T.astype(np.float64)).sum()
+        self._mean_radiance = float(energy / max(float(texels.solid_angle.sum()), 1e-12))
+        coverage = np.nan_to_num(np.asarray(inputs.surface.opacity, np.float32))
+        self._coverage = coverage.reshape(-1)[pixels.index]
+        plate = np.asarray(inputs.plate, np.float32)
+        self._plate, self._deviation = (a.reshape(-1, 3)[pixels.index] for a in (plate, local_deviation(plate)))
+        self._trusted_plate = True
+
+    def compare(self, views: list[SeenView], left_out: dict[str, str]) -> tuple[list[SeenView], dict[str, float]]:
+        """Views that agree with the others, and the gain of each camera; adds the others to `left_out`."""
+        count = len(self._pixels.index)
+        few = np.unique(np.linspace(0, max(count - 1, 0), min(count, _PROBES)).astype(np.intp))
+        if not count or not views:
+            return views, {}
+        points = probe_points(self._pixels, few, self._scene)
+        samples = [self._plate_sample(points.pixels, few), *self._samples(views, points.pixels)]
+        found = agreement(samples, responses(points, samples, self._scene, np.array([NEUTRAL])))
+        names = [PLATE, *(seen.view.name for seen in views)]
+        reasons = contradictions(names, found)
+        left_out |= reasons
+        gains = {n: round(float(g), 3) for n, g in zip(names, found.gain, strict=True) if np.isfinite(g)}
+        self._trusted_plate = PLATE not in reasons
+        return [seen for seen in views if seen.view.name not in reasons], gains
+
+    def measure(self, views: list[SeenView]) -> tuple[F32, F32, F32]:
+        """Mean and standard deviation [2, H, W] and number of views [H, W]."""
+        shape, index = self._pixels.shape, self._pixels.index
+        mean = np.stack([_plane(a, shape) for a in (self._inputs.surface.roughness, self._inputs.surface.metallic)])
+        std = np.asarray(self._inputs.spread, np.float32).copy()
+        count = np.zeros(shape, np.float32)
+        flat_mean, flat_std, flat_count = mean.reshape(2, -1), std.reshape(2, -1), count.reshape(-1)
+        for tile, cost in self._pooled_tiles(views):
+            views_of = tile.seen.valid.sum(axis=1)
+            enough = views_of >= self._settings.least_views
+            at = index[tile.part][enough]
+            prior = log_prior(flat_mean[:, at].T, flat_std[:, at].T, self._settings)
+            shaped = cost[enough].reshape(len(at), len(roughness_levels()), len(metallic_levels()))
+            found, deviation = moments(posterior(shaped, prior, self._settings))
+            flat_mean[:, at], flat_std[:, at], flat_count[at] = found.T, deviation.T, views_of[enough]
+        return mean, std, count
+
+    def _pooled_tiles(self, views: list[SeenView]) -> Iterator[tuple[_Tile, F32]]:
+        """Every band with its pooled cost; only bands that neighbours reach are held."""
+        cuts, held, made = bands(self._pixels, self._settings.tile), list[_Tile](), 0
+        for band in cuts:
+            first, last = self._rows[band.part.start], self._rows[band.part.stop - 1]
+            while made < len(cuts) and self._rows[cuts[made].part.start] <= last + self._settings.radius:
+                held.append(self._tile(cuts[made], views))
+                made += 1
+            held = [t for t in held if self._rows[t.part.stop - 1] >= first - self._settings.radius]
+            tile = next(t for t in held if t.part == band.part)
+            start = band.part.start - held[0].part.start
+            wanted = range(start, start + len(tile.cost))
+            yield tile, pooled(self._neighbourhood(held), wanted, self._settings)
+
+    def _tile(self, band: Band, views: list[SeenView]) -> _Tile:
+        points = lit_points(self._pixels, self._scene, band)
+        numbers = np.arange(band.part.start, band.part.stop)
+        samples = [self._plate_sample(points.pixels, numbers), *self._samples(views, points.pixels)]
+        seen = observations(samples, self._settings.floor * self._mean_radiance, self._settings)
+        of = responses(points, samples, self._scene, roughness_levels())
+        cost = negative_log_likelihood(seen, of, self._settings)
+        log_radiance = np.log(np.maximum(seen.radiance, _DARK * self._mean_radiance))
+        return _Tile(band.part, cost.reshape(len(cost), -1), log_radiance, seen)
+
+    def _plate_sample(self, pixels: Pixels, numbers: NDArray[np.intp]) -> Sample:
+        """The plate at its own pixels."""
+        radiance = self._plate[numbers]
+        valid = (self._coverage[numbers] > 0.5) & self._trusted_plate
+        footprint = self._scene.occluders.footprint[numbers]
+        return Sample(radiance, self._deviation[numbers], valid, pixels.view, footprint)
+
+    def _samples(self, views: list[SeenView], pixels: Pixels) -> list[Sample]:
+        at = pixels.position, pixels.normal
+        return [sample_view(seen, *at, self._size, self._settings) for seen in views]
+
+    def _neighbourhood(self, held: list[_Tile]) -> Neighbourhood:
+        """The points of consecutive bands."""
+        part = slice(held[0].part.start, held[-1].part.stop)
+        row, column = self._rows[part] - self._rows[part.start], self._pixels.index[part] % self._pixels.shape[1]
+        number = np.full((int(row[-1]) + 1, self._pixels.shape[1]), -1, dtype=np.int32)
+        number[row, column] = np.arange(len(row))
+        logs, cost = (np.concatenate([getattr(tile, name) for tile in held]) for name in ("log_radiance", "cost"))
+        intensity = logs.mean(axis=2)
+        return Neighbourhood(
+            row.astype(np.int32), column.astype(np.int32), number, cost,
+            cost.argmin(axis=1).astype(np.int32),
+            logs - intensity[..., None], intensity,
+            np.concatenate([tile.seen.valid for tile in held]).astype(np.uint8),
+            self._pixels.position[part], self._pixels.normal[part], self._scene.occluders.footprint[part],
+        )  # fmt: skip
+
+
+def _plane(values: NDArray[np.floating], shape: tuple[int, int]) -> F32:
+    return np.asarray(values, dtype=np.float32).reshape(shape).copy()

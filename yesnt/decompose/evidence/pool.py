@@ -1,0 +1,130 @@
+"""Pools likelihoods over neighbours of the same surface and appearance: one pixel alone tells too little.
+
+A neighbour's weight falls with its distance in the picture, with the turn of the normal, with its distance to the plane
+of the pixel, with the difference of colour and intensity in all cameras that see both, and with the contradiction of
+their likelihoods: how much worse each explains its pictures by the other's best candidate. Two materials of one colour
+stay apart wherever the cameras can tell them apart at all; points that tell little are averaged.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yesnt.decompose.evidence.settings import EvidenceSettings
+from yesnt.relight.compiled import exact_entry, exact_kernel
+from yesnt.relight.ranges import over_ranges
+
+F32 = NDArray[np.float32]
+I32 = NDArray[np.int32]
+
+_LEAST_WEIGHT = 1e-3  # neighbours below it change nothing
+
+
+class Neighbourhood(NamedTuple):
+    """N points that are neighbours of each other, in rows of the picture.
+
+    Attributes:
+        row: [N] row, counted from the first of these points.
+        column: [N] column.
+        number: [rows, W] number of the point at each place, -1 where there is none.
+        cost: [N, K] what is pooled: minus the log likelihood of K candidates.
+        best: [N] the candidate of least cost.
+        color: [N, V, 3] log radiance; per view the mean of the channels is subtracted.
+        intensity: [N, V] that mean.
+        valid: [N, V] uint8, whether the view saw the point.
+        position: [N, 3] world metres.
+        normal: [N, 3] unit, world.
+        footprint: [N] metres that a pixel covers.
+    """
+
+    row: I32
+    column: I32
+    number: I32
+    cost: F32
+    best: I32
+    color: F32
+    intensity: F32
+    valid: NDArray[np.uint8]
+    position: F32
+    normal: F32
+    footprint: F32
+
+
+class Widths(NamedTuple):
+    """Inverse widths of the weights, and the window (settings.py)."""
+
+    radius: int
+    window: float
+    chroma: float
+    contradiction: float
+    intensity: float
+    turn: float
+    apart: float
+
+
+def pooled(points: Neighbourhood, wanted: range, settings: EvidenceSettings) -> F32:
+    """Weighted mean of the cost over each wanted point's neighbours, [len(wanted), K]."""
+    names = ("window", "chroma", "contradiction", "intensity", "turn", "apart")
+    widths = Widths(settings.radius, *(1 / getattr(settings, name) for name in names))
+    out = np.zeros((len(wanted), points.cost.shape[1]), dtype=np.float32)
+    over_ranges(len(wanted), lambda first, last: _pool(first, last, wanted.start, points, widths, out))
+    return out
+
+
+@exact_entry
+def _pool(first, last, offset, points, widths, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Writes the pooled cost of points [first, last) after `offset`."""
+    rows, columns = points.number.shape
+    reach = widths.radius
+    for i in range(first, last):
+        p = offset + i
+        total = np.float32(0)
+        for y in range(max(points.row[p] - reach, 0), min(points.row[p] + reach + 1, rows)):
+            for x in range(max(points.column[p] - reach, 0), min(points.column[p] + reach + 1, columns)):
+                q = points.number[y, x]
+                if q < 0:
+                    continue
+                weight = np.float32(1) if p == q else _weight(p, q, points, widths)
+                if weight < _LEAST_WEIGHT:
+                    continue
+                total += weight
+                for k in range(out.shape[1]):
+                    out[i, k] += weight * points.cost[q, k]
+        for k in range(out.shape[1]):
+            out[i, k] /= total
+
+
+@exact_kernel
+def _weight(p, q, points, widths):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Weight of neighbour q for point p; 0 if no camera sees both."""
+    down, across = points.row[p] - points.row[q], points.column[p] - points.column[q]
+    exponent = (down * down + across * across) * widths.window * widths.window
+    along = turn = 0.0
+    for k in range(3):
+        along += (points.position[q, k] - points.position[p, k]) * points.normal[p, k]
+        turn += (points.normal[q, k] - points.normal[p, k]) ** 2
+    along *= widths.apart / points.footprint[p]
+    exponent += along * along + turn * widths.turn * widths.turn
+    if exponent > 14.0:  # exp(-7) is below the least weight
+        return np.float32(0)
+    shared = 0
+    chroma = mean = 0.0
+    for v in range(points.valid.shape[1]):
+        if points.valid[p, v] != 0 and points.valid[q, v] != 0:
+            shared += 1
+            mean += points.intensity[p, v] - points.intensity[q, v]
+            for k in range(3):
+                chroma += (points.color[p, v, k] - points.color[q, v, k]) ** 2
+    if shared == 0:
+        return np.float32(0)
+    mean /= shared
+    exponent += chroma / shared * widths.chroma * widths.chroma
+    own, other = points.best[p], points.best[q]
+    worse = points.cost[p, other] - points.cost[p, own] + points.cost[q, own] - points.cost[q, other]
+    exponent += 2.0 * worse * widths.contradiction
+    exponent += mean * mean * widths.intensity * widths.intensity
+    return np.float32(math.exp(-0.5 * exponent))

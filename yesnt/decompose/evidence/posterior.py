@@ -1,0 +1,64 @@
+"""From pooled likelihoods to roughness and metallic: priors, posterior, its mean and standard deviation."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import beta
+
+from yesnt.decompose.confidence import LARGEST_STD
+from yesnt.decompose.evidence.settings import METALLIC_PRIOR, EvidenceSettings, metallic_levels, roughness_levels
+
+F32 = NDArray[np.float32]
+Float = NDArray[np.floating]
+
+
+def log_prior(mean: Float, spread: Float, settings: EvidenceSettings) -> Float:
+    """Log prior [N, R, M] of every candidate: the model's estimate as a Gaussian, times that of surfaces in general.
+
+    Args:
+        mean: [N, 2] roughness and metallic of the model.
+        spread: [N, 2] standard deviation of its members.
+        settings: `roughness_error` and `metallic_error` are what the members do not know of their own error.
+    """
+    errors = np.array([settings.roughness_error, settings.metallic_error])
+    variance = spread.astype(np.float64) ** 2 + errors**2
+    terms = []
+    for i, (levels, share) in enumerate(((roughness_levels(), _cell_shares()), (metallic_levels(), metallic_shares()))):
+        distance = (levels[None] - mean[:, i, None]) ** 2 / variance[:, i, None]
+        terms.append(np.log(share)[None] - 0.5 * distance)
+    return np.asarray(terms[0][:, :, None] + terms[1][:, None, :])
+
+
+def _edges(levels: Float) -> Float:
+    """Borders [N + 1] of the cells of levels [N] that cover [0, 1]."""
+    return np.concatenate([[0.0], 0.5 * (levels[1:] + levels[:-1]), [1.0]])
+
+
+def _cell_shares() -> Float:
+    """Width of the cell of each level of roughness: every roughness is as likely."""
+    return np.diff(_edges(roughness_levels()))
+
+
+def metallic_shares() -> Float:
+    """Share of surfaces in the cell of each level of metallic."""
+    return np.asarray(np.diff(beta.cdf(_edges(metallic_levels()), *METALLIC_PRIOR)))
+
+
+def posterior(cost: Float, prior: Float, settings: EvidenceSettings) -> Float:
+    """Probability of every candidate [N, R, M], from the pooled minus log likelihood and the log prior."""
+    exponent = prior - np.asarray(cost, dtype=np.float64) / settings.temper
+    exponent -= exponent.max(axis=(1, 2), keepdims=True)
+    probability = np.exp(exponent)
+    return np.asarray(probability / probability.sum(axis=(1, 2), keepdims=True))
+
+
+def moments(probability: Float) -> tuple[F32, F32]:
+    """Mean and standard deviation [N, 2] of roughness and metallic."""
+    mean, deviation = [], []
+    for levels, share in ((roughness_levels(), probability.sum(2)), (metallic_levels(), probability.sum(1))):
+        middle = share @ levels
+        mean.append(middle)
+        deviation.append(np.sqrt(np.maximum(share @ levels**2 - middle**2, 0)))
+    std = np.minimum(np.stack(deviation, axis=1), LARGEST_STD)
+    return np.clip(np.stack(mean, axis=1), 0, 1).astype(np.float32), std.astype(np.float32)

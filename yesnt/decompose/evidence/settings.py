@@ -1,0 +1,78 @@
+"""Settings of the evidence, and the grid of candidates (docs/method.md section 3b)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+ROUGHNESS = (0.04, 0.1, 0.15, 0.2, 0.27, 0.35, 0.43, 0.52, 0.62, 0.72, 0.83, 1.0)
+"""Candidates of roughness: dense where a lobe changes quickly."""
+
+METALLIC = (0.0, 0.25, 0.5, 0.75, 1.0)
+"""Candidates of metallic."""
+
+METALLIC_PRIOR = (0.1, 0.25)
+"""Parameters a, b of a Beta distribution: most surfaces are metal or none; half metals (patina, mixed pixels) exist."""
+
+
+@dataclass(frozen=True)
+class EvidenceSettings:
+    """How observations are weighed.
+
+    Attributes:
+        relative: standard deviation of an observation over its value: what the model of the light leaves unexplained.
+        floor: the same, over the mean radiance of the capture light, which black pixels keep.
+        edge: share of the deviation within 3 x 3 pixels that counts as uncertainty: a camera's point is off by a part
+            of a pixel.
+        freedom: degrees of freedom of Student's t distribution, which lets a highlight contradict the others.
+        steps: steps of reweighted least squares.
+        cosine: least cosine between normal and direction to a camera.
+        covered: least coverage of the four pixels around an observation.
+        depth: difference between a point's depth and the proxy's that counts as the same surface, over the size of the
+            proxy.
+        least_views: cameras below which a pixel keeps the model's estimate.
+        radius: pixels from the middle of the pooling window to its border.
+        window: standard deviation of the window's weights, pixels.
+        chroma: difference of log colour at which a neighbour counts as another material.
+        contradiction: log likelihood that two points lose by each other's best candidate at which they count as two
+            materials.
+        intensity: the same of log intensity; large, since shading changes it too.
+        turn: difference of unit normals at which a neighbour counts as another surface.
+        apart: distance to the plane of the pixel at which a neighbour counts as another surface, in widths of a pixel.
+        temper: the mean of the pooled log likelihoods is divided by this: neighbours are not independent.
+        roughness_error: error of the model's roughness beyond the spread of its members.
+        metallic_error: the same of metallic.
+        tile: pixels that are measured together; bounds memory.
+    """
+
+    relative: float = 0.06
+    floor: float = 0.004
+    edge: float = 0.25
+    freedom: float = 20.0
+    steps: int = 4
+    cosine: float = 0.15
+    covered: float = 0.99
+    depth: float = 0.012
+    least_views: int = 2
+    radius: int = 10
+    window: float = 5.0
+    chroma: float = 0.2
+    contradiction: float = 4.0
+    intensity: float = 0.67
+    turn: float = 0.5
+    apart: float = 4.0
+    temper: float = 0.25
+    roughness_error: float = 0.23
+    metallic_error: float = 0.6
+    tile: int = 4096
+
+
+def roughness_levels() -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """`ROUGHNESS` as an array [R]."""
+    return np.array(ROUGHNESS)
+
+
+def metallic_levels() -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """`METALLIC` as an array [M]."""
+    return np.array(METALLIC)

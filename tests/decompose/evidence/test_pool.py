@@ -23,8 +23,7 @@ def plane(**changes):
         "valid": np.ones((count, VIEWS), np.uint8), "position": position, "normal": normal,
     } | changes  # fmt: skip
     footprint = np.full(count, 0.01, np.float32)
-    best = right.astype(np.int32)
-    return Neighbourhood(row, column, number, cost, best, *fields.values(), footprint), right
+    return Neighbourhood(row, column, number, cost, *fields.values(), footprint), right
 
 
 def leak(points, right):
@@ -45,19 +44,21 @@ def test_equal_neighbours_are_averaged() -> None:
     assert min(left, right) > 0.25, "what looks alike everywhere is one material"
 
 
-@pytest.mark.parametrize("what", ["likelihood", "colour", "normal", "depth"])
+@pytest.mark.parametrize("what", ["pattern", "colour", "normal", "depth"])
 def test_what_looks_otherwise_is_not_smeared(what: str) -> None:
     points, right = plane()
-    color, normal, position = (getattr(points, name).copy() for name in ("color", "normal", "position"))
-    if what == "likelihood":  # of one colour, but the cameras know better
-        points = points._replace(cost=60 * points.cost)
+    names = "intensity", "color", "normal", "position"
+    intensity, color, normal, position = (getattr(points, name).copy() for name in names)
+    if what == "pattern":  # of one colour in the plate and in the mean, but it mirrors the light
+        intensity[right, 1::2] += 1.4
+        intensity[right, 2::2] -= 1.4
     elif what == "colour":
         color[right] += np.float32([0.6, 0, -0.6])
     elif what == "normal":
         normal[right] = [-1, 0, 0]
     else:
         position[right, 1] += 0.3
-    spoilt = points._replace(color=color, normal=normal, position=position)
+    spoilt = points._replace(intensity=intensity, color=color, normal=normal, position=position)
     assert max(leak(spoilt, right)) < 0.06 * spoilt.cost.max(), "the neighbour's material leaks over the border"
 
 

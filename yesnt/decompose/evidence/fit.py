@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,22 @@ def negative_log_likelihood(seen: Observations, of: Responses, settings: Evidenc
     return out
 
 
+class Candidate(NamedTuple):
+    """One channel of one point at one candidate.
+
+    Attributes:
+        point: number of the point.
+        roughness: number of the level.
+        channel: 0 red, 1 green, 2 blue.
+        metallic: value.
+    """
+
+    point: int
+    roughness: int
+    channel: int
+    metallic: float
+
+
 @exact_entry
 def _fit_points(first, last, seen, of, metallic, robust, scratch, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Writes minus the log likelihood of points [first, last) to `out`, which is 0. `scratch` [4, V] float64."""
@@ -46,11 +63,12 @@ def _fit_points(first, last, seen, of, metallic, robust, scratch, out):  # type:
                         scratch[1, used] = 1.0 / seen.sigma[p, v, k]
                         used += 1
                 for m in range(metallic.shape[0]):
-                    out[p, r, m] += _fit_channel(p, r, k, metallic[m], seen.valid, of, robust, used, scratch)
+                    candidate = Candidate(p, r, k, metallic[m])
+                    out[p, r, m] += _fit_channel(candidate, seen.valid, of, robust, used, scratch)
 
 
 @exact_kernel
-def _fit_channel(p, r, k, metallic, valid, of, robust, used, scratch):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _fit_channel(at, valid, of, robust, used, scratch):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Minus the log likelihood of one channel at its best base colour.
 
     `scratch` holds by row: radiance, 1 / sigma, weight, residual. Only valid views are listed.
@@ -60,18 +78,18 @@ def _fit_channel(p, r, k, metallic, valid, of, robust, used, scratch):  # type: 
     for v in range(used):
         scratch[2, v] = 1.0
     for _ in range(steps):
-        compensation = _multiple_scattering(base, of.average[r])
+        compensation = _multiple_scattering(base, of.average[at.roughness])
         up = down = 0.0
         n = 0
         for v in range(valid.shape[1]):
-            if valid[p, v]:
-                slope, offset = _linear_form(p, v, r, k, metallic, compensation, of)
+            if valid[at.point, v]:
+                slope, offset = _linear_form(at, v, compensation, of)
                 w = scratch[2, n] * scratch[1, n] * scratch[1, n] * slope
                 up += w * (scratch[0, n] - offset)
                 down += w * slope
                 n += 1
         base = min(max(up / max(down, _LEAST_SQUARE), 0.0), 1.0)
-        _residuals(p, r, k, metallic, base, valid, of, scratch)
+        _residuals(at, base, valid, of, scratch)
         for v in range(used):
             scratch[2, v] = (nu + 1.0) / (nu + scratch[3, v] * scratch[3, v])
     product = 1.0
@@ -81,24 +99,25 @@ def _fit_channel(p, r, k, metallic, valid, of, robust, used, scratch):  # type: 
 
 
 @exact_kernel
-def _residuals(p, r, k, metallic, base, valid, of, scratch):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _residuals(at, base, valid, of, scratch):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Writes the residuals in standard deviations to the last row of `scratch`."""
-    compensation = _multiple_scattering(base, of.average[r])
+    compensation = _multiple_scattering(base, of.average[at.roughness])
     n = 0
     for v in range(valid.shape[1]):
-        if valid[p, v]:
-            slope, offset = _linear_form(p, v, r, k, metallic, compensation, of)
+        if valid[at.point, v]:
+            slope, offset = _linear_form(at, v, compensation, of)
             error = (scratch[0, n] - offset - base * slope) * scratch[1, n]
             scratch[3, n] = min(max(error, -_MOST_ERROR), _MOST_ERROR)
             n += 1
 
 
 @exact_kernel
-def _linear_form(p, v, r, k, metallic, compensation, of):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _linear_form(at, v, compensation, of):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """A and D of one view, channel and candidate (reference.linear_form)."""
-    metal = metallic * (1.0 + compensation * of.missing[p, v, r])
-    slope = (1.0 - metallic) * of.diffuse[p, v, r, k] + metal * of.metal_f0[p, v, r, k]
-    offset = (1.0 - metallic) * of.dielectric[p, v, r, k] + metal * of.metal_f90[p, v, r, k]
+    p, r, k = at.point, at.roughness, at.channel
+    metal = at.metallic * (1.0 + compensation * of.missing[p, v, r])
+    slope = (1.0 - at.metallic) * of.diffuse[p, v, r, k] + metal * of.metal_f0[p, v, r, k]
+    offset = (1.0 - at.metallic) * of.dielectric[p, v, r, k] + metal * of.metal_f90[p, v, r, k]
     return slope, offset
 
 

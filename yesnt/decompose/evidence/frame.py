@@ -137,7 +137,7 @@ class _Frame:
         self._coverage = coverage.reshape(-1)[pixels.index]
         plate = np.asarray(inputs.plate, np.float32)
         self._plate, self._deviation = (a.reshape(-1, 3)[pixels.index] for a in (plate, local_deviation(plate)))
-        self._trusted_plate = True
+        self._plate_agrees = True
 
     def compare(self, views: list[SeenView], left_out: dict[str, str]) -> tuple[list[SeenView], dict[str, float]]:
         """Views that agree with the others, and the gain of each camera; adds the others to `left_out`."""
@@ -152,7 +152,7 @@ class _Frame:
         reasons = contradictions(names, found)
         left_out |= reasons
         gains = {n: round(float(g), 3) for n, g in zip(names, found.gain, strict=True) if np.isfinite(g)}
-        self._trusted_plate = PLATE not in reasons
+        self._plate_agrees = PLATE not in reasons
         return [seen for seen in views if seen.view.name not in reasons], gains
 
     def measure(self, views: list[SeenView]) -> tuple[F32, F32, F32]:
@@ -199,7 +199,7 @@ class _Frame:
     def _plate_sample(self, pixels: Pixels, numbers: NDArray[np.intp]) -> Sample:
         """The plate at its own pixels."""
         radiance = self._plate[numbers]
-        valid = (self._coverage[numbers] > 0.5) & self._trusted_plate
+        valid = (self._coverage[numbers] > 0.5) & self._plate_agrees
         footprint = self._scene.occluders.footprint[numbers]
         return Sample(radiance, self._deviation[numbers], valid, pixels.view, footprint)
 
@@ -217,7 +217,6 @@ class _Frame:
         intensity = logs.mean(axis=2)
         return Neighbourhood(
             row.astype(np.int32), column.astype(np.int32), number, cost,
-            cost.argmin(axis=1).astype(np.int32),
             logs - intensity[..., None], intensity,
             np.concatenate([tile.seen.valid for tile in held]).astype(np.uint8),
             self._pixels.position[part], self._pixels.normal[part], self._scene.occluders.footprint[part],

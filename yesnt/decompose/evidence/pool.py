@@ -1,9 +1,9 @@
 """Pools likelihoods over neighbours of the same surface and appearance: one pixel alone tells too little.
 
 A neighbour's weight falls with its distance in the picture, with the turn of the normal, with its distance to the plane
-of the pixel, with the difference of colour and intensity in all cameras that see both, and with the contradiction of
-their likelihoods: how much worse each explains its pictures by the other's best candidate. Two materials of one colour
-stay apart wherever the cameras can tell them apart at all; points that tell little are averaged.
+of the pixel, and with the difference of its appearance in all cameras that see both: colour, intensity, and the pattern
+of intensity from camera to camera. Two materials of one colour in the plate differ in that pattern where one of them
+mirrors the light.
 """
 
 from __future__ import annotations
@@ -32,7 +32,6 @@ class Neighbourhood(NamedTuple):
         column: [N] column.
         number: [rows, W] number of the point at each place, -1 where there is none.
         cost: [N, K] what is pooled: minus the log likelihood of K candidates.
-        best: [N] the candidate of least cost.
         color: [N, V, 3] log radiance; per view the mean of the channels is subtracted.
         intensity: [N, V] that mean.
         valid: [N, V] uint8, whether the view saw the point.
@@ -45,7 +44,6 @@ class Neighbourhood(NamedTuple):
     column: I32
     number: I32
     cost: F32
-    best: I32
     color: F32
     intensity: F32
     valid: NDArray[np.uint8]
@@ -60,7 +58,7 @@ class Widths(NamedTuple):
     radius: int
     window: float
     chroma: float
-    contradiction: float
+    pattern: float
     intensity: float
     turn: float
     apart: float
@@ -68,7 +66,7 @@ class Widths(NamedTuple):
 
 def pooled(points: Neighbourhood, wanted: range, settings: EvidenceSettings) -> F32:
     """Weighted mean of the cost over each wanted point's neighbours, [len(wanted), K]."""
-    names = ("window", "chroma", "contradiction", "intensity", "turn", "apart")
+    names = ("window", "chroma", "pattern", "intensity", "turn", "apart")
     widths = Widths(settings.radius, *(1 / getattr(settings, name) for name in names))
     out = np.zeros((len(wanted), points.cost.shape[1]), dtype=np.float32)
     over_ranges(len(wanted), lambda first, last: _pool(first, last, wanted.start, points, widths, out))
@@ -112,19 +110,19 @@ def _weight(p, q, points, widths):  # type: ignore[no-untyped-def]  # noqa: ANN0
     if exponent > 14.0:  # exp(-7) is below the least weight
         return np.float32(0)
     shared = 0
-    chroma = mean = 0.0
+    chroma = mean = square = 0.0
     for v in range(points.valid.shape[1]):
         if points.valid[p, v] != 0 and points.valid[q, v] != 0:
             shared += 1
-            mean += points.intensity[p, v] - points.intensity[q, v]
+            difference = points.intensity[p, v] - points.intensity[q, v]
+            mean += difference
+            square += difference * difference
             for k in range(3):
                 chroma += (points.color[p, v, k] - points.color[q, v, k]) ** 2
     if shared == 0:
         return np.float32(0)
     mean /= shared
     exponent += chroma / shared * widths.chroma * widths.chroma
-    own, other = points.best[p], points.best[q]
-    worse = points.cost[p, other] - points.cost[p, own] + points.cost[q, own] - points.cost[q, other]
-    exponent += 2.0 * worse * widths.contradiction
+    exponent += max(square / shared - mean * mean, 0.0) * widths.pattern * widths.pattern
     exponent += mean * mean * widths.intensity * widths.intensity
     return np.float32(math.exp(-0.5 * exponent))

@@ -35,8 +35,7 @@ class EvidenceSettings:
         radius: pixels from the middle of the pooling window to its border.
         window: standard deviation of the window's weights, pixels.
         chroma: difference of log colour at which a neighbour counts as another material.
-        contradiction: log likelihood that two points lose by each other's best candidate at which they count as two
-            materials.
+        pattern: the same of the way that intensity differs from camera to camera; wide, since it turns with the normal.
         intensity: the same of log intensity; large, since shading changes it too.
         turn: difference of unit normals at which a neighbour counts as another surface.
         apart: distance to the plane of the pixel at which a neighbour counts as another surface, in widths of a pixel.
@@ -58,7 +57,7 @@ class EvidenceSettings:
     radius: int = 10
     window: float = 5.0
     chroma: float = 0.2
-    contradiction: float = 4.0
+    pattern: float = 0.6
     intensity: float = 0.67
     turn: float = 0.5
     apart: float = 4.0

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from tests.in_process import run_here
 from yesnt.core.errors import YesntError
 from yesnt.io.pictures.image import read_image
+from yesnt.runtime.clamps import clamp_lines
 from yesnt.runtime.input_checks import inspect
 from yesnt.runtime.session import Session
 
@@ -63,7 +64,7 @@ class Outcome:
 
     Attributes:
         refusal: the text of the error that stopped it; empty if nothing did.
-        warnings: what was reported before any work.
+        warnings: what was reported before any work, and at the end of the run.
         planes: channels of the delivered EXR of the first frame by name; empty if not delivered.
         header: attributes of that EXR, with `dataWindow` and `displayWindow` as ((x, y), (x, y)).
     """
@@ -254,8 +255,9 @@ def deliver(folder: Path) -> Outcome:
         session = run_here(folder, "composite")
     except YesntError as error:
         return Outcome(str(error), checked.warnings)
+    clamps = clamp_lines(session.job.frames, session.graph(), session.open_index())
     planes, header = read_delivered(session.output.exr_path(session.job.shot.name, session.job.frames[0]))
-    return Outcome("", checked.warnings, planes, header)
+    return Outcome("", (*checked.warnings, *clamps), planes, header)
 
 
 def read_delivered(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:

@@ -9,7 +9,6 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from tests.cases.marks import until_files_are_read
 from tests.cases.shots import (
     ACES_AP1,
     ACESCG_COLOR,
@@ -178,7 +177,6 @@ def test_a_base_colour_that_no_surface_can_have_is_counted(tmp_path: Path) -> No
     assert outcome.reported or outcome.centre() == pytest.approx([0.02] * 3, rel=2e-3)
 
 
-@until_files_are_read()
 def test_results_above_the_range_of_half_are_counted(tmp_path: Path) -> None:
     folder = write_shot(tmp_path / "s", light={"path": "light.exr", "exposure": 10.0})
     write(folder / "light.exr", sky(60000.0))

@@ -20,6 +20,7 @@ from yesnt.planning.chunks import ROUND
 from yesnt.planning.graph import Graph, Node
 from yesnt.planning.stages import STAGES
 from yesnt.planning.task_records import held_frames
+from yesnt.runtime.clamps import clamp_lines
 from yesnt.runtime.input_checks import handles
 from yesnt.runtime.session import Session
 from yesnt.tasks.light import frame_map
@@ -101,6 +102,7 @@ def forecast(session: Session) -> Forecast:
     terms = _relight_terms(session)
     modelled = tuple(f"{term.term}: {term.reason}" for term in terms if term.modelled)
     spent = sampling_cost(session, graph, index)
+    warnings += clamp_lines(session.job.frames, graph, index)
     session.remember()
     index.save()
     chunks, left_out = plan.chunks, tuple(_left_out(session, terms))

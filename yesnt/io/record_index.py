@@ -20,7 +20,7 @@ from yesnt.io.records import FileState, Record, RecordBook
 Signature = tuple[int, int, int]
 """Size, time of the last change in nanoseconds and inode of a record's file."""
 
-_VERSION = 1
+_VERSION = 2
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,7 @@ class Entry:
         nfe: network evaluations that the frame took; None where the stage has none.
         files: path relative to the output folder -> digest.
         states: the same paths -> size and time of change with which the content was last checked.
+        clamped: what was clamped -> how often.
     """
 
     key: str
@@ -42,12 +43,14 @@ class Entry:
     nfe: float | None
     files: dict[str, str]
     states: dict[str, FileState]
+    clamped: Mapping[str, int]
 
     @classmethod
     def of(cls, record: Record) -> Entry:
         """The entry of a record."""
         seconds, nfe = record.seconds.get("task", 0.0), record.facts.get("nfe")
-        return cls(record.key, record.fields, seconds, nfe, dict(record.files), _states(record.file_states))
+        files, states, clamped = dict(record.files), _states(record.file_states), record.facts.get("clamped", {})
+        return cls(record.key, record.fields, seconds, nfe, files, states, clamped)
 
 
 class RecordIndex:
@@ -116,7 +119,7 @@ class RecordIndex:
             signature, entry = self._known[at]
             own = {name: value for name, value in entry.fields.items() if name != "settings"}
             row = [*signature, entry.key, own, settings.number(entry.fields.get("settings")), entry.seconds, entry.nfe]
-            rows.setdefault(at[0], {})[at[1]] = [*row, entry.files, entry.states]
+            rows.setdefault(at[0], {})[at[1]] = [*row, entry.files, entry.states, entry.clamped]
         save_memory(self._memory, {"version": _VERSION, "settings": settings.rows, "records": rows})
 
 
@@ -175,9 +178,9 @@ def _load(memory: Path) -> dict[tuple[str, str], tuple[Signature, Entry]]:
 
 
 def _entry(row: list[Any], settings: list[Any]) -> tuple[Signature, Entry]:
-    size, time, inode, key, own, number, seconds, nfe, files, states = row
+    size, time, inode, key, own, number, seconds, nfe, files, states, clamped = row
     fields = own if settings[number] is None else {**own, "settings": settings[number]}
-    return (size, time, inode), Entry(key, fields, seconds, nfe, files, _states(states))
+    return (size, time, inode), Entry(key, fields, seconds, nfe, files, _states(states), clamped)
 
 
 def _states(rows: Mapping[str, Any]) -> dict[str, FileState]:

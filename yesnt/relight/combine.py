@@ -25,6 +25,21 @@ _LEAST_RESPONSE = 1e-3
 _METAL_PASSES = 3  # the metal's compensation factor depends weakly on the base colour: 1e-4 after three passes
 
 
+_UNEXPLAINED = 1e-3
+"""Relative difference of plate and radiance that counts as a clamped base colour; rounding is far below it."""
+
+
+@dataclass(frozen=True)
+class Clamped:
+    """Pixels whose base colour was clamped: to 1 and to 0."""
+
+    above: int = 0
+    below: int = 0
+
+
+NOTHING_CLAMPED = Clamped()
+
+
 @dataclass(frozen=True)
 class Response:
     """Radiance of P pixels as a function of their base colour b, per channel, all [P, 3].
@@ -68,6 +83,13 @@ class Response:
             rest = plate - self.fixed - factor * self.metal_f90
             b = np.clip(rest / np.maximum(self.diffuse + factor * self.metal_f0, _LEAST_RESPONSE), 0, 1)
         return b
+
+    def clamped(self, plate: F32, base_color: F32) -> Clamped:
+        """How many pixels of a plate [P, 3] no base colour in [0, 1] explains: it is brighter or darker than any."""
+        radiance = base_color * self.diffuse + self.specular(base_color)
+        above = (base_color >= 1) & (plate > radiance * (1 + _UNEXPLAINED))
+        below = (base_color <= 0) & (plate < radiance * (1 - _UNEXPLAINED))
+        return Clamped(int(above.any(axis=1).sum()), int(below.any(axis=1).sum()))
 
 
 def response(sums: F32, pixels: Pixels, brdf: str) -> Response:

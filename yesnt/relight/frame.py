@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.relight.combine import Response, normalise, response, shadow_ratio
+from yesnt.relight.combine import NOTHING_CLAMPED, Clamped, Response, normalise, response, shadow_ratio
 from yesnt.relight.edges import resolve_edges
 from yesnt.relight.envmap import EnvMap
 from yesnt.relight.indirect import indirect_light
@@ -55,12 +55,14 @@ class RelitFrame:
         diffuse: [H, W, 3] radiance, with shadows and indirect radiance.
         specular: [H, W, 3] radiance, with shadows and indirect radiance.
         shadow: [H, W] relit over unshadowed luminance, 0..1; 1 outside the matte.
+        clamped: pixels whose base colour would be outside [0, 1]; none where the base colour is given.
     """
 
     base_color: F32
     diffuse: F32
     specular: F32
     shadow: F32
+    clamped: Clamped = NOTHING_CLAMPED
 
     @property
     def radiance(self) -> F32:
@@ -109,20 +111,23 @@ def relight_frame(
     occluders = find_occluders(inputs.surface, pixels, proxy, settings)
     plate = np.asarray(inputs.plate, dtype=np.float32).reshape(-1, 3)[pixels.index]
     plate = np.clip(np.nan_to_num(plate, nan=0.0, posinf=65504.0, neginf=0.0), 0, None)
+    clamped = NOTHING_CLAMPED
     if inputs.base_color is not None:
         base = np.asarray(inputs.base_color, dtype=np.float32).reshape(-1, 3)[pixels.index]
     elif capture is not None:
-        base = base_color(plate, pixels, occluders, capture, settings)
+        base, clamped = base_color(plate, pixels, occluders, capture, settings)
     else:
         raise ValueError("relight_frame needs the capture light or the base colour")
-    relit = shade_pixels(base, pixels, occluders, light, settings)
+    relit = replace(shade_pixels(base, pixels, occluders, light, settings), clamped=clamped)
     return finish(relit, pixels.image(plate), inputs.surface, settings)
 
 
 def base_color(
     plate: F32, pixels: Pixels, occluders: Occluders, capture: PreparedLight, settings: RelightSettings
-) -> F32:
+) -> tuple[F32, Clamped]:
     """Base colour of the pixels, [P, 3] in [0, 1]: the plate, or the plate with its capture light inverted.
+
+    The second result counts the pixels that this range does not explain.
 
     The indirect radiance needs the colour of the proxy, and that needs the base colour. The first estimate divides the
     plate by the irradiance of an unoccluded pixel; each pass refines both.
@@ -135,13 +140,15 @@ def base_color(
         settings: `base_color` and `capture_passes` are read, and all that `integrate` reads.
     """
     if settings.base_color == "plate":
-        return np.minimum(plate, 1.0)
+        return np.minimum(plate, 1.0), Clamped(above=int((plate > 1).any(axis=1).sum()))
     falls = np.maximum(pixels.normal @ capture.coarse.direction, 0) @ capture.coarse.energy.T / np.float32(np.pi)
-    base = np.clip(plate / np.maximum(falls, 1e-3), 0, 1)
+    base, clamped = np.clip(plate / np.maximum(falls, 1e-3), 0, 1), NOTHING_CLAMPED
     for _ in range(_passes(occluders, settings)):
         sums = integrate(base, pixels, occluders, capture, settings)
-        base = response(sums, pixels, settings.brdf).base_color(plate)
-    return base
+        weights = response(sums, pixels, settings.brdf)
+        base = weights.base_color(plate)
+        clamped = weights.clamped(plate, base)
+    return base, clamped
 
 
 def _passes(occluders: Occluders, settings: RelightSettings) -> int:

@@ -28,6 +28,7 @@ from yesnt.planning.graph import Graph, NodeId
 from yesnt.planning.resources import needs_gpu
 from yesnt.planning.shot_plan import ShotPlan
 from yesnt.planning.stages import STAGES
+from yesnt.runtime.clamps import clamp_lines
 from yesnt.runtime.driver import Driver, Outcome, is_done
 from yesnt.runtime.input_checks import InputChecks
 from yesnt.runtime.launchers.spec import ClusterSpec
@@ -201,7 +202,7 @@ class Session:
             pass
         run.supervisor.confirm()
         sweep_transients(self.graph(), self.book, self.output)
-        self._index_records()
+        run.result.warnings += clamp_lines(self.job.frames, self.graph(), self._index_records())
 
     def _supervisor(self, log: RunLog, lease: Lease, options: RunOptions, tell: Listener) -> Supervisor:
         """Watches the run's commands, its lease, and that there is room for the frames under way."""
@@ -239,13 +240,14 @@ class Session:
         found = len(result.missing) > len(known.reasons)  # else the next pass would fail alike
         return bool(found and outcome.blocked and lost - {"preview"})  # a video cannot leave out frames of its own
 
-    def _index_records(self) -> None:
-        """Brings the record index up to date, so that the next `status` reads no records."""
+    def _index_records(self) -> RecordIndex:
+        """The record index, brought up to date, so that the next `status` reads no records."""
         index = self.open_index()
         for node in (node for node in self.graph() if not node.transient):
             for frame in node.frames:
                 index.find(node.stage, frame)
         index.save()
+        return index
 
     @property
     def dead_marks(self) -> DeadMarks:

@@ -20,6 +20,10 @@ from yesnt.tasks.workspace import Workspace
 
 Float32 = NDArray[np.float32]
 
+LARGEST_HALF = np.float32(65504)
+
+ABOVE_HALF = "composite: values above 65504, the largest of half, clamped to it"
+
 
 def composite(space: Workspace[CompositeTask]) -> None:
     """Writes the EXR of one frame and commits its digest."""
@@ -48,10 +52,11 @@ def composite(space: Workspace[CompositeTask]) -> None:
             "z": surface.z[None],
         }
         planes |= {name: space.read(RELIGHT, name, frame) for name in _requested(job)}
-        delivered = _exr_planes({name: _delivered_color(job, name, plane) for name, plane in planes.items()})
+        delivered, above = _exr_planes({name: _delivered_color(job, name, plane) for name, plane in planes.items()})
     path = space.output.exr_path(job.shot.name, frame)
     write_exr(path, delivered, _exr_attributes(space), job.shot.exr.compression)
-    space.commit(frame, {}, {str(path.relative_to(space.output.root)): file_digest(path)})
+    facts = {"clamped": {ABOVE_HALF: above}} if above else {}
+    space.commit(frame, {}, {str(path.relative_to(space.output.root)): file_digest(path)}, facts)
 
 
 def _delivered_color(job: Job, name: str, plane: Float32) -> Float32:
@@ -76,18 +81,20 @@ def _unit(vectors: Float32) -> Float32:
     return (vectors / np.where(length > 0, length, 1)).astype(np.float32)
 
 
-def _exr_planes(planes: dict[str, Float32]) -> dict[str, NDArray[np.floating]]:
-    """Planes under their EXR names and pixel types, in the registry's order."""
-    largest_half = np.float32(65504)
+def _exr_planes(planes: dict[str, Float32]) -> tuple[dict[str, NDArray[np.floating]], int]:
+    """Planes under their EXR names and pixel types, in the registry's order; how many values half cannot hold."""
     out: dict[str, NDArray[np.floating]] = {}
+    above = 0
     for name in (name for name in (*DELIVERED, *ON_REQUEST) if name in planes):
         channel = CHANNELS[name]
         for exr_name, plane in zip(channel.exr, planes[name], strict=True):
+            if channel.exr_pixel == "float":
+                out[exr_name] = plane
+                continue
             # A sun seen in a mirror exceeds half's range; infinity would poison every filter downstream.
-            out[exr_name] = (
-                plane if channel.exr_pixel == "float" else np.minimum(plane, largest_half).astype(np.float16)
-            )
-    return out
+            above += int((plane > LARGEST_HALF).sum())
+            out[exr_name] = np.minimum(plane, LARGEST_HALF).astype(np.float16)
+    return out, above
 
 
 def _exr_attributes(space: Workspace[CompositeTask]) -> dict[str, Any]:

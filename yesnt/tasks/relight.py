@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from yesnt.planning import settings as of
 from yesnt.planning.stages import SOLVE
 from yesnt.planning.task_records import RelightTask
 from yesnt.tasks.light import LightFiles, prepared_lights
 from yesnt.tasks.workspace import Workspace
+
+if TYPE_CHECKING:
+    from yesnt.relight.combine import Clamped
 
 
 def relight(space: Workspace[RelightTask]) -> None:
@@ -31,4 +36,15 @@ def relight(space: Workspace[RelightTask]) -> None:
             "specular": relit.specular.transpose(2, 0, 1),
             "shadow": relit.shadow[None],
         },
+        facts=_clamped(relit.clamped),
     )
+
+
+def _clamped(found: Clamped) -> dict[str, dict[str, int]]:
+    """What the base colour was clamped to, for the record."""
+    counts = {
+        "relight: pixels brighter than a white surface, base colour clamped to 1": found.above,
+        "relight: pixels darker than a black surface's reflection, base colour clamped to 0": found.below,
+    }
+    counts = {what: count for what, count in counts.items() if count}
+    return {"clamped": counts} if counts else {}

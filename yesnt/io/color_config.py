@@ -90,7 +90,7 @@ class ColorConfig:
         self.path = path
         try:
             self._config = ocio.Config.CreateFromFile(path)
-        except ocio.Exception as error:
+        except (ocio.Exception, ocio.ExceptionMissingFile) as error:
             raise JobError(
                 f"The OpenColorIO configuration cannot be read ({_first_line(error)})", path,
                 "a config.ocio, an .ocioz archive or a name such as ocio://default",
@@ -169,7 +169,7 @@ class ColorConfig:
 
         try:
             return list(self._raw_steps(source, target))
-        except ocio.Exception as error:
+        except (ocio.Exception, ocio.ExceptionMissingFile) as error:
             raise JobError(
                 f"OpenColorIO cannot convert from {source} to {target} ({_first_line(error)})", self.path,
                 "spaces and tables that the configuration defines", "correct the configuration or name another space",

@@ -148,7 +148,7 @@ class _Resolver:
         return found, colors, tuple(self._notes)
 
     def _conversion(self, source: str, target: str) -> Conversion:
-        if {source, target} <= {LIN_REC709} or (source, target) == (SRGB, LIN_REC709):
+        if {source, target} <= {LIN_REC709, SRGB}:  # our own arithmetic
             return Conversion(source, target)
         return self.config.conversion(source, target)
 

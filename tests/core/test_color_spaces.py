@@ -37,5 +37,5 @@ def test_no_two_spaces_are_taken_for_each_other() -> None:
 
 @pytest.mark.parametrize("values", [(0.0,) * 8, (np.nan,) * 8, (0.3,) * 8, (0.3,) * 6])
 def test_nonsense_is_refused(values: tuple[float, ...]) -> None:
-    with pytest.raises(ValueError, match="chromaticities|one line"):
+    with pytest.raises(ValueError, match=r"chromaticities|one line"):
         space_of_chromaticities(values)

@@ -32,6 +32,8 @@ def print_plan(found: Forecast) -> None:
     else:
         chunks = f"{found.chunks} chunks, halo {found.halo} frames{bands}"
         print(f"Temporal solve: {chunks}, at most {found.sweeps} exchange sweeps.")
+    for line in found.reads:
+        print(f"Reads: {line}.")
     for line in found.modelled:
         print(f"Modelled: {line}.")
     for line in found.left_out:

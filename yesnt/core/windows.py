@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import reduce
 
 import numpy as np
@@ -74,20 +74,27 @@ def place(plane: NDArray[np.float32], stored: Window, wanted: Window) -> NDArray
 
 @dataclass(frozen=True)
 class Raster:
-    """The pixels of a shot, where they are not simply those of the camera.
+    """The pixels of a shot, where they are not simply those of the camera; windows as the plates' headers have them.
 
     Attributes:
-        display: display window of the plates; the camera's pixels are counted from its corner.
-        data: what is processed and delivered, in the coordinates of the display window: it and all plates' data.
+        display: display window of the plates; all inputs are aligned by its corner.
+        processed: what is processed and delivered: the smallest window that holds it and the data of all plates.
+        camera: what the camera's width and height describe: the display window, or the data window of all plates.
         aspect: width of a pixel over its height.
         rate: frames per second as numerator and denominator; None: the plates do not say.
         metadata: names of the plates' attributes that the delivered files carry on.
-        camera_is_data: the camera's width and height are those of the plates' data windows.
+        readings: formats of plates and how they were read, where that is not premultiplied EXR.
     """
 
     display: Window
-    data: Window
+    processed: Window
+    camera: Window
     aspect: float = 1.0
     rate: tuple[int, int] | None = None
-    metadata: tuple[str, ...] = field(default=())
-    camera_is_data: bool = False
+    metadata: tuple[str, ...] = ()
+    readings: tuple[str, ...] = ()
+
+    @property
+    def data(self) -> Window:
+        """What is processed, counted from the display window's corner."""
+        return self.processed.moved(-self.display.left, -self.display.top)

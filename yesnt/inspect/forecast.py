@@ -8,12 +8,11 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from yesnt.core.camera import Camera
 from yesnt.core.stage_id import StageId
 from yesnt.inspect.frame_states import DONE, states
 from yesnt.inspect.sampling_cost import SamplingCost, is_indexed, sampling_cost
 from yesnt.io import shot_inputs
-from yesnt.io.jobfile import frame_path
+from yesnt.io.pictures.shot_raster import shot_camera
 from yesnt.io.record_index import RecordIndex
 from yesnt.planning import settings as of
 from yesnt.planning.chunks import ROUND
@@ -69,6 +68,7 @@ class Forecast:
         modelled: what relighting computes, and why.
         warnings: odd inputs.
         notes: what the user may want to know of the inputs.
+        reads: which channels of the pictures serve what, and how the pixels lie.
     """
 
     stages: tuple[StageForecast, ...]
@@ -81,6 +81,7 @@ class Forecast:
     modelled: tuple[str, ...]
     warnings: tuple[str, ...]
     notes: tuple[str, ...] = ()
+    reads: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """A plain document."""
@@ -107,7 +108,8 @@ def forecast(session: Session) -> Forecast:
     index.save()
     chunks, left_out = plan.chunks, tuple(_left_out(session, terms))
     cut = len(plan.exchange.blocks), chunks.halo, plan.exchange.sweeps, len(chunks.bands)
-    return Forecast(rows, spent, *cut, left_out, modelled, tuple(warnings), tuple(handles(session.job)))
+    told = tuple(handles(session.job)), tuple(session.checks.reads())
+    return Forecast(rows, spent, *cut, left_out, modelled, tuple(warnings), *told)
 
 
 class _Progress:
@@ -211,5 +213,5 @@ def _short_normals(session: Session) -> float:
     from yesnt.relight.pixel_filter import short_normals
 
     job, first = session.job, session.job.frames[0]
-    camera = Camera.open(frame_path(job.root, job.shot.camera, 0))
+    camera = shot_camera(job)
     return short_normals(shot_inputs.read_surface(job, first, camera).normal, shot_inputs.read_matte(job, first) > 0)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.core.errors import CorruptError
+from yesnt.core.windows import Window
 from yesnt.io.durable import durable_path
 
 EXR_COMPRESSIONS = ("none", "rle", "zips", "zip", "piz")
@@ -26,6 +27,16 @@ def read_planes(path: str | Path) -> dict[str, NDArray[np.floating]]:
 
     with OpenEXR.File(str(path), separate_channels=True) as source:
         return {name: channel.pixels for name, channel in source.channels().items()}
+
+
+def window_attributes(data: Window, display: Window) -> dict[str, Any]:
+    """Attributes of both windows, for `write_exr`; OpenEXR's boxes include their last pixel."""
+
+    def box(window: Window) -> tuple[NDArray[np.int32], ...]:
+        corners = (window.left, window.top), (window.right - 1, window.bottom - 1)
+        return tuple(np.array(corner, np.int32) for corner in corners)
+
+    return {"dataWindow": box(data), "displayWindow": box(display)}
 
 
 def write_exr(

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ from yesnt.io.pictures.image import read_channels, read_headers
 from yesnt.io.pictures.material_pass import read_quantity, single_pass
 from yesnt.io.pictures.passes import Headers, find_color, find_matte, find_normals, find_scalar, find_z, labels
 from yesnt.io.pictures.placed import read_placed
+from yesnt.io.pictures.plate_header import carried_attributes
 from yesnt.io.pictures.surface import planar_z, world_normals
 
 AS_IT_IS = Conversion()
@@ -162,6 +164,15 @@ def _material(job: Job, headers: Headers) -> tuple[NDArray[np.float32], NDArray[
     known = all(name in channels for name in spreads)
     spread = read_placed(job, [channels[name] for name in spreads]) if known else np.zeros_like(mean)
     return mean, np.stack(list(spread))
+
+
+def plate_metadata(job: Job, frame: int, names: tuple[str, ...]) -> Mapping[str, Any]:
+    """Attributes of a frame's plate that the delivered file carries on, as the OpenEXR package takes them."""
+    if not names:
+        return {}
+    path = frame_path(job.root, job.shot.plate.path, frame)
+    part = find_color(read_headers(path), job.shot.plate, "plate").color[0].header.part
+    return carried_attributes(path, part, names)
 
 
 def read_flow(job: Job, frame: int) -> NDArray[np.float32]:

@@ -26,9 +26,11 @@ from yesnt.io.job_colors import Statement, check_statement, first_statements
 from yesnt.io.jobfile import correction_patterns, frame_path, frames_on_disk, pass_files
 from yesnt.io.mesh import read_mesh
 from yesnt.io.output import OutputFolder
+from yesnt.io.pictures.describe import describe_raster, describe_reads, raster_warnings
 from yesnt.io.pictures.image import read_header
 from yesnt.io.pictures.material_pass import refuse_coded
 from yesnt.io.pictures.placed import check_fits
+from yesnt.io.pictures.shot_raster import shot_camera
 from yesnt.io.preview import has_video
 from yesnt.io.records import digest_of
 from yesnt.runtime.consistency.coded import refuse_coded_alpha
@@ -83,7 +85,7 @@ class InputChecks:
             JobError: as said.
         """
         job = self._job
-        warnings = [*self._notes, *_no_video(job)]
+        warnings = [*self._notes, *_no_video(job), *raster_warnings(job, self._camera)]
         for pattern in (job.shot.plate.path, job.shot.gbuffer.path):
             for frame in (frame for frame in job.frames if not self.facts.knows(self._frame_key(frame))):
                 check_fits(job, read_header(frame_path(job.root, pattern, frame)))
@@ -119,6 +121,15 @@ class InputChecks:
             return None
         least, most = ranges[:, 0].min(axis=0).tolist(), ranges[:, 1].max(axis=0).tolist()
         return (least[0], most[0]), (least[1], most[1])
+
+    def reads(self) -> list[str]:
+        """Which channels serve what, for `plan`; where frames differ, how many read which."""
+        job, counts = self._job, Counter[tuple[str, str]]()
+        for frame in job.frames:
+            counts.update(self._frame(frame)["reads"].items())
+        frames = len(job.frames)
+        lines = [f"{role}: {how}{'' if n == frames else f' ({n} frames)'}" for (role, how), n in counts.items()]
+        return [*lines, *(f"pixels: {line}" for line in describe_raster(job))]
 
     def _frame(self, frame: int) -> dict[str, Any]:
         fact: dict[str, Any] = self.facts.fetch(self._frame_key(frame), lambda: self._check_frame(frame))
@@ -156,7 +167,8 @@ class InputChecks:
         inside = np.clip(inside, 0, 1) if inside is not None else None
         span = [inside.min(axis=1).tolist(), inside.max(axis=1).tolist()] if known and inside is not None else None
         met = {"corrections": correction_facts(job, frame, plate.matte)} if job.shot.corrected else {}
-        return {"counts": {what: count for what, count in counts.items() if count}, "range": span, **met}
+        kept = {what: count for what, count in counts.items() if count}
+        return {"counts": kept, "range": span, "reads": describe_reads(job, frame), **met}
 
     def _contradictions(self) -> Iterable[str]:
         """Compares the inputs of a few frames with one another."""
@@ -211,7 +223,7 @@ class InputChecks:
 
     @cached_property
     def _camera(self) -> Camera:
-        return Camera.open(frame_path(self._job.root, self._job.shot.camera, 0))
+        return shot_camera(self._job)
 
     def _maps(self) -> Iterable[str]:
         """Decodes every map of both lights once."""

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from yesnt.core.camera import Camera
 from yesnt.core.errors import JobError
@@ -12,11 +14,16 @@ from yesnt.core.job_progress import Progress, no_progress
 from yesnt.core.shot import Job, Shot
 from yesnt.decompose.identity import BackendIdentity, identify_backend
 from yesnt.decompose.registry import find_weights
+from yesnt.io.fact_cache import FactCache
 from yesnt.io.file_digests import FileDigests
 from yesnt.io.job_colors import resolve_colors
 from yesnt.io.jobfile import frame_path, load_shot, parse_frames, pass_files
 from yesnt.io.output import OutputFolder
+from yesnt.io.pictures.plate_header import PlateHeader, read_plate_header
+from yesnt.io.pictures.shot_raster import for_raster, shot_raster
+from yesnt.io.records import digest_of
 from yesnt.planning import settings as of
+from yesnt.planning.keyed_settings import changed_keys
 from yesnt.temporal.flow import LEARNED
 
 READERS = 2
@@ -33,6 +40,7 @@ class Resolved:
         backend: what decomposes; None if passes are read.
         notes: what was taken from the files because the job does not say it.
         memory: of the files' digests, to be saved once the output folder may be written to.
+        plate_headers: memory of the plates' headers, to be saved with it.
     """
 
     job: Job
@@ -40,6 +48,7 @@ class Resolved:
     backend: BackendIdentity | None
     notes: tuple[str, ...]
     memory: FileDigests = field(compare=False, repr=False)
+    plate_headers: FactCache = field(compare=False, repr=False)
 
     @property
     def files(self) -> list[str]:
@@ -84,7 +93,33 @@ def resolve(path: str | Path, accept_license: tuple[str, ...] = (), progress: Pr
     memory.save()
     shot, colors, notes = resolve_colors(shot, root, frames)
     job = job.model_copy(update={"shot": shot, "colors": colors})
-    return Resolved(job, digests, backend, notes, memory)
+    headers = FactCache(OutputFolder.of(job).run / "plate_headers.json")
+    job = _with_raster(job, digests, camera, headers)
+    headers.save()
+    return Resolved(job, digests, backend, notes, memory, headers)
+
+
+def _with_raster(job: Job, digests: Mapping[str, str], camera: Camera, headers: FactCache) -> Job:
+    """The job with the raster of its plates. A plate that cannot be opened is left to the checks, which say why."""
+    spec, plates = job.shot.plate, dict[Path, PlateHeader]()
+    settings = digest_of(changed_keys(spec, {"path"}))
+
+    def read(path: Path) -> list[Any]:
+        return read_plate_header(path, spec).as_json()
+
+    try:
+        for path in dict.fromkeys(frame_path(job.root, spec.path, frame) for frame in job.frames):
+            found = headers.fetch(f"{digests[str(path)]} {settings}", partial(read, path))
+            plates[path] = PlateHeader.from_json(found)
+    except JobError:
+        return job
+    raster = shot_raster(plates, (camera.width, camera.height))
+    if raster is None:
+        return job
+    width, height = raster.processed.size
+    job = job.model_copy(update={"raster": raster, "width": width, "height": height})
+    for_raster(camera, job).check(job.frames)
+    return job
 
 
 def _accepting(shot: Shot, licences: tuple[str, ...]) -> Shot:

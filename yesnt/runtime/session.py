@@ -102,6 +102,7 @@ class Session:
         with suppress(OSError):
             self.output.run.mkdir(parents=True, exist_ok=True)
         self.resolved.memory.save()
+        self.resolved.plate_headers.save()
         self.checks.facts.save()
 
     @cached_property

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from yesnt.core.channels import CHANNELS, DELIVERED, ON_REQUEST
 from yesnt.core.shot import Job
+from yesnt.io import shot_inputs
 from yesnt.io.color_config import convert
-from yesnt.io.exr import write_exr
+from yesnt.io.exr import window_attributes, write_exr
 from yesnt.io.file_digests import file_digest
 from yesnt.planning.stages import RELIGHT, SOLVE
 from yesnt.planning.task_records import CompositeTask
@@ -97,6 +98,17 @@ def _exr_planes(planes: dict[str, Float32]) -> tuple[dict[str, NDArray[np.floati
     return out, above
 
 
+def _raster_attributes(job: Job, frame: int) -> dict[str, Any]:
+    """Windows, pixel aspect ratio and metadata as the plate has them; nothing where they are the usual ones."""
+    raster = job.raster
+    if raster is None:
+        return {}
+    found: dict[str, Any] = window_attributes(raster.processed, raster.display)
+    if raster.aspect != 1:
+        found["pixelAspectRatio"] = raster.aspect
+    return found | dict(shot_inputs.plate_metadata(job, frame, raster.metadata))
+
+
 def _exr_attributes(space: Workspace[CompositeTask]) -> dict[str, Any]:
     """The file's header: its colour space, which layers are associated with coverage, and what it was made from."""
     held = space.job.colors.output_space
@@ -105,6 +117,7 @@ def _exr_attributes(space: Workspace[CompositeTask]) -> dict[str, Any]:
         "chromaticities": held.chromaticities,
         **({"colorInteropID": held.interop} if held.interop else {}),
         "yesnt:associated": ", ".join(CHANNELS[name].layer for name in associated),
+        **_raster_attributes(space.job, space.frame),
         "yesnt:job": space.task.job_digest,
         "yesnt:key": space.node.key,
         "yesnt:frame": str(space.frame),

@@ -20,6 +20,7 @@ from yesnt.io import shot_inputs
 from yesnt.io.corrections import CorrectionFacts, read_overrides
 from yesnt.io.file_digests import file_digest
 from yesnt.io.jobfile import correction_patterns, frame_path, pass_files
+from yesnt.io.pictures.shot_raster import for_raster
 from yesnt.io.records import RecordBook
 from yesnt.planning.graph import Node
 from yesnt.planning.stages import CORRECT, DECOMPOSE, FLOW, RELIGHT
@@ -96,7 +97,7 @@ class TaskInputs:
     def camera(self) -> Camera:
         """The shot's camera; kept in the worker."""
         frame = self._node.frames[0]
-        return _camera(self.path("camera", frame), self.digest("camera", frame))
+        return for_raster(_camera(self.path("camera", frame), self.digest("camera", frame)), self._job)
 
     def plate_digests(self, frame: int) -> dict[str, str]:
         """Digests of the files that the plate of a frame is read from, by role."""

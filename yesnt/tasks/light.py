@@ -21,6 +21,7 @@ from yesnt.core.shot import CaptureInput, Job, LightInput
 from yesnt.io import shot_inputs
 from yesnt.io.file_digests import file_digest
 from yesnt.io.jobfile import frame_path
+from yesnt.io.pictures.shot_raster import shot_camera
 from yesnt.tasks.inputs import prove_input
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ def estimated_map(job: Job) -> EnvMap:
     """The capture light, estimated from the shading of the probe frames."""
     from yesnt.relight import Surface, estimate_capture
 
-    camera = Camera.open(frame_path(job.root, job.shot.camera, 0))
+    camera = shot_camera(job)
     plates, surfaces = [], []
     for frame in job.probe_frames:
         plate = shot_inputs.read_plate(job, frame, working=True)

@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.core.camera import Camera
 from yesnt.core.shot import Job
 from yesnt.io import shot_inputs
 from yesnt.io.file_digests import file_digest
-from yesnt.io.jobfile import frame_path
+from yesnt.io.pictures.shot_raster import shot_camera
 from yesnt.measure.evaluation.rows import Row
 from yesnt.planning import settings as of
 from yesnt.relight import EnvMap, PreparedLight, ProxyScene, RelightSettings, prepare_relight
@@ -111,7 +110,7 @@ class Scene:
 
     @cached_property
     def _inputs(self) -> RelightInputs:
-        camera = Camera.open(frame_path(self.job.root, self.job.shot.camera, 0))
+        camera = shot_camera(self.job)
         chosen = np.zeros_like(self.plate.matte)
         chosen[:: self.stride, :: self.stride] = 1
         plate = dataclasses.replace(self.plate, matte=self.plate.matte * chosen)

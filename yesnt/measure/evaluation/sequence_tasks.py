@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.core.camera import Camera
 from yesnt.core.stage_id import StageId
 from yesnt.io import shot_inputs
 from yesnt.io.file_digests import file_digest
-from yesnt.io.jobfile import frame_path
+from yesnt.io.pictures.shot_raster import shot_camera
 from yesnt.measure.evaluation.nets import open_nets
 from yesnt.measure.evaluation.pictures import write_materials
 from yesnt.measure.evaluation.scorer import VIDEO_ROWS
@@ -173,7 +172,7 @@ def _own_links(space: Workspace[Any]) -> tuple[F32, F32]:
 def _true_links(space: Workspace[Any], subject: Subject) -> tuple[F32, F32]:
     """True flow [T-1, H, W, 2], and where its point is visible in the next frame [T-1, H, W]."""
     job = space.job
-    camera = Camera.open(frame_path(job.root, job.shot.camera, 0))
+    camera = shot_camera(job)
     flow = np.stack([subject.read_flow(frame) for frame in job.frames[:-1]])
     depth = np.stack([shot_inputs.read_surface(job, frame, camera).z for frame in job.frames])
     matte = np.stack([shot_inputs.read_matte(job, frame) > 0.5 for frame in job.frames])

@@ -19,7 +19,7 @@ from yesnt.decompose.registry import open_backend
 from yesnt.decompose.reuse import Link, propagate_keyframe
 from yesnt.decompose.settings import EnsembleSettings, keyframe_after
 from yesnt.io import shot_inputs
-from yesnt.io.jobfile import frame_path
+from yesnt.io.pictures.shot_raster import shot_camera
 from yesnt.planning import settings as of
 from yesnt.relight import ProxyScene, RelightSettings
 from yesnt.runtime.session import Session
@@ -143,7 +143,7 @@ class Harness:
 
     @cached_property
     def _camera(self) -> Camera:
-        return Camera.open(frame_path(self.session.job.root, self.session.job.shot.camera, 0))
+        return shot_camera(self.session.job)
 
     def _relight_settings(self, quality: str) -> RelightSettings:
         return of.relight_settings(self.session.job.shot.model_copy(update={"quality": quality}))

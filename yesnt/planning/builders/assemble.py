@@ -32,10 +32,22 @@ def node_fields(
         "stage": stage.label,
         "version": stage_of(stage).version,
         "size": [plan.job.width, plan.job.height],
+        **_raster(plan),
         "settings": settings,
         **own,
         "upstream": upstream or {},
     }
+
+
+def _raster(plan: ShotPlan) -> dict[str, Any]:
+    """What the results of all stages depend on of a raster that is not simply the camera's."""
+    raster = plan.job.raster
+    if raster is None:
+        return {}
+    left, top = raster.data.left, raster.data.top
+    moved = [left, top, raster.camera.left - raster.display.left, raster.camera.top - raster.display.top]
+    found = {"window": moved if any(moved) else [], "aspect": [raster.aspect] if raster.aspect != 1 else []}
+    return {name: value for name, value in {**found, "read as": list(raster.readings)}.items() if value}
 
 
 def frame_node(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 from yesnt.planning.builders.assemble import frame_keys, frame_node, node_fields
 from yesnt.planning.graph import Graph, Node
@@ -22,6 +23,7 @@ def composite_nodes(plan: ShotPlan, graph: Graph) -> Iterator[Node]:
         job=plan.job_digest,
         color=plan.job.colors.digests("output", "background" if shot.background else "light"),
         space=changed_fields(plan.job.colors.output_space),
+        **_header(plan),
     )
     for frame in plan.delivered:
         inputs = plan.inputs(frame, **_backdrop(plan))
@@ -30,6 +32,17 @@ def composite_nodes(plan: ShotPlan, graph: Graph) -> Iterator[Node]:
         task = CompositeTask(plan.job_digest)
         needs = [graph.committer(stage, frame) for stage in (RELIGHT, plan.observed)]
         yield frame_node(plan, COMPOSITE, frame, fields, task, needs)
+
+
+def _header(plan: ShotPlan) -> dict[str, Any]:
+    """What the EXR's header takes from the plates' headers, beside what every stage depends on."""
+    raster = plan.job.raster
+    if raster is None:
+        return {}
+    display = raster.display
+    usual = display == raster.processed and (display.left, display.top) == (0, 0)
+    box = None if usual else [display.left, display.top, display.width, display.height]
+    return {"display": box, "metadata": list(raster.metadata)}
 
 
 def _backdrop(plan: ShotPlan) -> dict[str, str]:

@@ -71,11 +71,20 @@ def run_blender(tools: Tools, request: Mapping[str, Any], work: Path, timeout: f
     Raises:
         YesntError: Blender ended in an error; the message holds the last lines of its log.
     """
-    script = str(_HERE / "inside_blender" / "main.py")
     asked = work / "request.json"
     asked.write_text(json.dumps(request, sort_keys=True))
-    head = [tools.blender, script] if _is_python(tools) else [tools.blender, "--background", "--python", script, "--"]
-    _run([*head, str(asked)], "Blender", tools.niceness, timeout)
+    run_script(tools, _HERE / "inside_blender" / "main.py", [str(asked)], timeout)
+
+
+def run_script(tools: Tools, script: Path, arguments: Sequence[str], timeout: float) -> None:
+    """Runs a script inside Blender.
+
+    Raises:
+        YesntError: Blender ended in an error; the message holds the last lines of its log.
+    """
+    program = [tools.blender] if _is_python(tools) else [tools.blender, "--background", "--python"]
+    head = [*program, str(script)] if _is_python(tools) else [*program, str(script), "--"]
+    _run([*head, *arguments], "Blender", tools.niceness, timeout)
 
 
 def run_anny(tools: Tools, requests: Sequence[Mapping[str, Any]], work: Path, timeout: float = 1800.0) -> None:

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from yesnt.cli import control, text
+from yesnt.cli.camera import camera
 from yesnt.cli.evaluate import evaluate
 from yesnt.cli.file_progress import FileProgress
 from yesnt.cli.trade import trade
@@ -299,5 +300,6 @@ def _print_result(session: object, warnings: list[str], missing: list[dict[str, 
 
 app.command("eval")(evaluate)
 app.command("trade")(trade)
+app.command("camera")(camera)
 for verb in (control.submit, control.logs, control.pause, control.resume, control.cancel, control.skip):
     app.command()(verb)

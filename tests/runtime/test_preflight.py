@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -29,9 +30,9 @@ def rewrite(path: Path, drop: str = "", **channels) -> None:
     write_exr(path, planes | {name.replace("_", "."): plane for name, plane in channels.items()})
 
 
-def spoiled(path: Path, channel: str, value: float) -> None:
+def spoiled(path: Path, channel: str, value: float, at: Sequence[int] = (16, 20)) -> None:
     plane = read_image(path).channels[channel].copy()
-    plane[16, 20] = value
+    plane[tuple(at)] = value
     rewrite(path, **{channel.replace(".", "_"): plane})
 
 
@@ -112,6 +113,18 @@ def test_negative_radiance_is_clamped_with_a_warning_that_counts(tiny_shot: Path
     warnings = check(tiny_shot)
     assert any("plate: negative values that are read as 0: 1 in the shot" in w for w in warnings)
     assert any("light: 1 negative values" in w for w in warnings)
+
+
+def test_what_lies_outside_the_matte_stops_nothing_and_is_counted(tiny_shot: Path) -> None:
+    outside = np.argwhere(read_image(tiny_shot.parent / "plate.1001.exr").channels["A"] == 0)[0]
+    for name, channel in (("plate", "R"), ("gbuffer", "depth.Z"), ("gbuffer", "N.X")):
+        spoiled(tiny_shot.parent / f"{name}.1001.exr", channel, np.nan, outside)
+    spoiled(tiny_shot.parent / "plate.1002.exr", "G", 0.25, outside)
+    assert check(tiny_shot) == [
+        "plate: pixels outside the matte that are NaN or infinite and read as 0: 1 in the shot",
+        "plate: pixels with colour but no coverage, added to the composite as they are (or set `alpha: straight`): "
+        "1 in the shot",
+    ]
 
 
 def test_handles_are_normal(tiny_shot: Path) -> None:

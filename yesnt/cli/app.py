@@ -256,7 +256,7 @@ def _drive(session: object, options: object, json: bool) -> int:
     if json:
         result = session.run(options)
     else:
-        progress = BarProgress() if sys.stdout.isatty() else LineProgress()
+        progress = (BarProgress if sys.stdout.isatty() else LineProgress)(session.job.width * session.job.height / 1e6)
         with progress:
             result = session.run(options, progress)
     missing = [{"stage": s, "frame": f, "why": why} for (s, f), why in sorted(result.missing.items())]

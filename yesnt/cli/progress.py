@@ -7,15 +7,16 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from yesnt.cli.text import compiling_line, dashboard_lines, done_line, notice_line
-from yesnt.core.stage_id import StageId
+from yesnt.cli.text import compiling_line, dashboard_lines, done_line, notice_line, seconds
+from yesnt.cli.time_left import TimeLeft, stage_name
 
 
 class LineProgress:
     """One line an event, and `progress N%` after each finished task (what farms look for)."""
 
-    def __init__(self) -> None:
+    def __init__(self, megapixels: float = 1.0) -> None:
         self._total = self._done = 0
+        self._time = TimeLeft(megapixels)
 
     def __enter__(self) -> LineProgress:
         return self
@@ -26,6 +27,7 @@ class LineProgress:
     def __call__(self, event: Mapping[str, Any]) -> None:
         """Takes one event of the driver."""
         kind = event["event"]
+        self._time.apply(event)
         if kind == "plan":
             self._total, self._done = sum(event["stages"].values()), sum(event["reused"].values())
             print(f"{self._total} tasks, {self._done} done already", flush=True)
@@ -37,24 +39,27 @@ class LineProgress:
             print(compiling_line(event), flush=True)
         elif kind == "done":
             self._done += 1
-            print(f"{done_line(event)}\nprogress {100 * self._done // max(1, self._total)}%", flush=True)
+            share = 100 * self._done // max(1, self._total)
+            print(f"{done_line(event)}\nprogress {share}%, {self._time.text}", flush=True)
         elif kind in ("retry", "failed", "worker_died", "dead", "skipped"):
             print(f"Frame {event['frames'][0]} {event['stage']} {kind}: {event['reason']}", flush=True)
 
 
 class BarProgress:
-    """A bar a stage with rate and time left."""
+    """A bar a stage with rate and time left, and one for the whole run."""
 
-    def __init__(self) -> None:
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    def __init__(self, megapixels: float = 1.0) -> None:
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
         self._progress = Progress(
             TextColumn("{task.description:<10}"),
             BarColumn(),
             MofNCompleteColumn(),
             TextColumn("{task.fields[rate]}"),
-            TimeRemainingColumn(),
+            TextColumn("{task.fields[left]}"),
         )
+        self._time = TimeLeft(megapixels)
+        self._whole: Any = None
         self._bars: dict[str, Any] = {}
         self._began: dict[str, float] = {}
         self._count: dict[str, int] = {}
@@ -69,6 +74,7 @@ class BarProgress:
     def __call__(self, event: Mapping[str, Any]) -> None:
         """Takes one event of the driver."""
         kind = event["event"]
+        self._time.apply(event)
         if kind == "plan":
             self._lay_out(event)
         elif kind == "cluster":
@@ -78,9 +84,9 @@ class BarProgress:
         elif kind in ("compiling", "compiled"):
             self._progress.console.print(compiling_line(event))
         elif kind == "start":
-            self._began.setdefault(_stage(event), time.monotonic())
+            self._began.setdefault(stage_name(event), time.monotonic())
         elif kind == "done":
-            self._advance(_stage(event))
+            self._advance(stage_name(event))
         elif kind in ("retry", "failed", "worker_died", "dead", "skipped"):
             self._progress.console.print(f"Frame {event['frames'][0]} {event['stage']} {kind}: {event['reason']}")
 
@@ -88,16 +94,18 @@ class BarProgress:
         for stage, total in event["stages"].items():
             done = event["reused"].get(stage, 0)
             if stage not in self._bars:
-                self._bars[stage] = self._progress.add_task(stage, total=total, completed=done, rate="")
+                self._bars[stage] = self._progress.add_task(stage, total=total, completed=done, rate="", left="")
             self._progress.update(self._bars[stage], total=total, completed=done)
+        total, done = sum(event["stages"].values()), sum(event["reused"].values())
+        if self._whole is None:
+            self._whole = self._progress.add_task("all", total=total, completed=done, rate="", left="")
+        self._progress.update(self._whole, total=total, completed=done)
 
     def _advance(self, stage: str) -> None:
         self._count[stage] = self._count.get(stage, 0) + 1
         rate = self._count[stage] / max(1e-6, time.monotonic() - self._began.get(stage, time.monotonic()))
-        self._progress.update(
-            self._bars[stage], advance=1, rate=f"{rate:.1f}/s" if rate >= 1 else f"{1 / rate:.1f} s each"
-        )
-
-
-def _stage(event: Mapping[str, Any]) -> str:
-    return StageId.parse(str(event["stage"])).name
+        bar, each = self._bars[stage], f"{rate:.1f}/s" if rate >= 1 else f"{1 / rate:.1f} s each"
+        self._progress.update(bar, advance=1, rate=each)
+        task = self._progress.tasks[self._progress.task_ids.index(bar)]
+        self._progress.update(bar, left=f"{seconds((task.remaining or 0) / rate)} left")
+        self._progress.update(self._whole, advance=1, left=self._time.text)

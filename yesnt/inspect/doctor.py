@@ -11,7 +11,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-FLOORS = {"openexr": (3, 4, 14), "OpenImageIO": (3, 0), "torch": (2, 6), "zarr": (3, 1, 6), "distributed": (2025, 5)}
+FLOORS = {
+    "openexr": (3, 4, 14), "OpenImageIO": (3, 0), "opencolorio": (2, 5), "torch": (2, 6), "zarr": (3, 1, 6),
+    "distributed": (2025, 5),
+}  # fmt: skip
 """Oldest versions that are safe to feed with files from elsewhere, or that behave as the code expects."""
 
 OPTIONAL = {

@@ -17,7 +17,7 @@ version: 1
 name: {name}
 frames: 1001-1024                 # also 1001-1100x2 and lists with commas
 
-plate:   {{path: plate/plate.####.exr, colorspace: lin_rec709}}   # docs/files.md: channels, alpha; srgb for PNG or JPEG
+plate:   {{path: plate/plate.####.exr, colorspace: lin_rec709}}   # or ACEScg, srgb, ...; docs/files.md: channels, alpha
 # matte: {{path: matte/matte.####.png}}                            # coverage, if the plate has no alpha
 gbuffer: {{path: gbuffer/gbuffer.####.exr, z: depth.Z, normal: N, normal_space: world}}   # depth.Z and N.X N.Y N.Z
 camera:  camera.json              # `yesnt camera FILE --write camera.json` makes it from .chan, Alembic or USD,
@@ -30,6 +30,8 @@ light:   {{path: env/light.exr, convention: blender, rotation: [0, 0, 0], exposu
 # capture_light: {{path: env/capture.exr}}        # the light of the plate; absent: uniform, radiance 1; or `estimate`
 # background: {{path: bg/bg.####.exr}}            # absent: the light's map as the camera sees it
 # proxy: {{path: proxy/proxy.####.ply}}           # triangles in world metres: cast shadows and reflect light
+
+# color: {{config: $OCIO, working: acescg, output: ACEScg, view: "ACES 2.0 - SDR 100 nits (Rec.709)"}}   # OpenColorIO
 
 decompose: {{backend: embedded, samples: 8}}      # or existing passes: {{path: material/material.####.exr}}
 quality: standard                 # draft | standard | final | reference

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +11,6 @@ from numpy.typing import NDArray
 from yesnt.core.color_spaces import (
     INTEROP_OF,
     LIN_REC709,
-    NAMED_BY_INTEROP,
     PRIMARIES,
     SRGB,
     Conversion,
@@ -22,59 +19,19 @@ from yesnt.core.color_spaces import (
     chromaticities_of,
     matrix_to_rec709,
     same_space,
-    space_of_chromaticities,
 )
 from yesnt.core.errors import JobError
 from yesnt.core.shot import Job, PlateInput, Shot
-from yesnt.io.color_config import ColorConfig, convert, fresh_config, locate_config
+from yesnt.io.color_config import convert, locate_config
+from yesnt.io.color_statements import PROBES, StatedSpaces, Statement
 from yesnt.io.jobfile import frame_path
-from yesnt.io.pictures.image import ImageHeader, read_headers
+from yesnt.io.pictures.image import read_headers
 from yesnt.io.pictures.passes import find_color
 
 Float64 = NDArray[np.float64]
 
 ROLES = ("plate", "background", "light", "capture_light")
 """Sections of the job file whose pictures have colours."""
-
-_FLOAT = {"half", "float", "double"}
-
-_PROBES = np.array([[1, 1, 1], [0.18, 0.4, 0.05], [0.9, 0.2, 0.7], [0.02, 0.5, 0.1]], np.float32)
-
-
-@dataclass(frozen=True)
-class Statement:
-    """What a file says of its colours.
-
-    Attributes:
-        interop: identifier of the space (`colorInteropID`); "" if the file has none.
-        chromaticities: red, green, blue, white x, y; () if the file has none.
-        integer: pixels are integers, as of pictures made for a display.
-        decoder: what OpenImageIO derives from the format for integer pixels: an interop identifier, another word or "".
-    """
-
-    interop: str = ""
-    chromaticities: tuple[float, ...] = ()
-    integer: bool = False
-    decoder: str = ""
-
-    @classmethod
-    def of(cls, header: ImageHeader) -> Statement:
-        """The statement of a header."""
-        stated = header.attributes
-        integer = header.format != "openexr" and not set(header.kinds) <= _FLOAT
-        interop, found = str(stated.get("colorInteropID") or ""), stated.get("chromaticities")
-        chromaticities = tuple(float(v) for v in found) if isinstance(found, Sequence) else ()
-        decoder = str(stated.get("oiio:ColorSpace") or "") if integer else ""
-        return cls("" if interop in ("unknown", "data") else interop, chromaticities, integer, decoder)
-
-    @property
-    def text(self) -> str:
-        """How messages name it."""
-        if self.interop:
-            return f"colorInteropID {self.interop}"
-        if self.chromaticities:
-            return f"chromaticities {', '.join(f'{v:g}' for v in self.chromaticities)}"
-        return f"integers{f' as {self.decoder}' if self.decoder else ''}" if self.integer else "no colour space"
 
 
 def resolve_colors(shot: Shot, root: str, frames: Sequence[int]) -> tuple[Shot, JobColors, tuple[str, ...]]:
@@ -118,16 +75,11 @@ def _patterns(shot: Shot) -> Mapping[str, str]:
 
 
 class _Resolver:
-    """Resolves the spaces of one job; the configuration is opened only if it is needed."""
+    """Resolves the spaces of one job."""
 
     def __init__(self, shot: Shot, root: str, first: int) -> None:
         self._shot, self._root, self._first = shot, root, first
-        self._notes: list[str] = []
-
-    @cached_property
-    def config(self) -> ColorConfig:
-        """The job's configuration, as it is on disk now."""
-        return fresh_config(locate_config(self._root, self._shot.color.config))
+        self._spaces = StatedSpaces(locate_config(root, shot.color.config))
 
     def resolve(self) -> tuple[Shot, JobColors, tuple[str, ...]]:
         """See `resolve_colors`."""
@@ -135,95 +87,29 @@ class _Resolver:
         spaces = {role: self._input_space(role, pattern) for role, pattern in _patterns(shot).items()}
         sections = {role: getattr(shot, role).model_copy(update={"colorspace": spaces[role]}) for role in spaces}
         output = self._output_space()
-        inputs = {role: self._conversion(space, color.working) for role, space in spaces.items() if role != "plate"}
+        inputs = {
+            role: self._spaces.conversion(space, color.working) for role, space in spaces.items() if role != "plate"
+        }
         colors = JobColors(
-            plate=self._conversion(spaces["plate"], LIN_REC709),
-            plate_working=self._conversion(spaces["plate"], color.working),
-            output=self._conversion(color.working, output.name),
+            plate=self._spaces.conversion(spaces["plate"], LIN_REC709),
+            plate_working=self._spaces.conversion(spaces["plate"], color.working),
+            output=self._spaces.conversion(color.working, output.name),
             display=self._display(output.name),
             output_space=output,
             **inputs,
         )
         found = shot.model_copy(update={**sections, "color": color.model_copy(update={"output": output.name})})
-        return found, colors, tuple(self._notes)
-
-    def _conversion(self, source: str, target: str) -> Conversion:
-        if {source, target} <= {LIN_REC709, SRGB}:  # our own arithmetic
-            return Conversion(source, target)
-        return self.config.conversion(source, target)
-
-    def _canonical(self, name: str, key: str) -> str:
-        """The canonical name; our own names need no configuration."""
-        own = NAMED_BY_INTEROP.get(name, name.casefold())
-        return own if own in NAMED_BY_INTEROP.values() else self.config.canonical(name, f"key {key}")
+        return found, colors, tuple(self._spaces.notes)
 
     def _input_space(self, role: str, pattern: str) -> str:
         """The space of a sequence: what the job says, which the files must not contradict, or what the files say."""
         section, path = getattr(self._shot, role), frame_path(self._root, pattern, self._first)
         statement = _statement(path, self._shot, role)
         if "colorspace" in section.model_fields_set:
-            space = self._canonical(section.colorspace, f"{role}.colorspace")
-            self._compare(space, statement, role, path)
+            space = self._spaces.canonical(section.colorspace, f"{role}.colorspace")
+            self._spaces.compare(space, statement, role, path)
             return space
-        return self._stated_space(statement, role, path)
-
-    def _stated_space(self, statement: Statement, role: str, path: Path) -> str:
-        """The space that a file states; else sRGB for integers, and linear Rec.709."""
-        if statement.interop:
-            space = self._canonical(statement.interop, f"{path}, colorInteropID")
-            self._compare(space, Statement(chromaticities=statement.chromaticities), role, path)
-        elif statement.chromaticities:
-            space = self._canonical(_linear_space(statement, role, path), str(path))
-        elif statement.integer:
-            return self._integer_space(statement, role, path)
-        else:
-            return LIN_REC709
-        if space != LIN_REC709:
-            self._notes.append(f"{role}: read as {space}, as its files say ({statement.text})")
-        return space
-
-    def _integer_space(self, statement: Statement, role: str, path: Path) -> str:
-        """The space of integer pixels, where the job says nothing: sRGB, or what the format's own fields say."""
-        space = NAMED_BY_INTEROP.get(statement.decoder or INTEROP_OF[SRGB], statement.decoder)
-        if space not in NAMED_BY_INTEROP.values() and not space.endswith("_scene"):
-            raise JobError(
-                f"The {role} is encoded as {space}, and the job does not say in which colour space", str(path),
-                f"`colorspace` in the section `{role}`", "name the space, for example a camera's log space",
-            )  # fmt: skip
-        space = self._canonical(space, f"{role}.colorspace")
-        said = "no colour space is stated" if space == SRGB else "the job states no colour space"
-        self._notes.append(f"{role}: {said}; the integers of {path.name} are read as {space}")
-        return space
-
-    def _compare(self, space: str, statement: Statement, role: str, path: Path) -> None:
-        """Refuses a file that says another space than the job.
-
-        Raises:
-            JobError: as said.
-        """
-        differs = bool(statement.interop) and not self._same(space, self._canonical(statement.interop, str(path)))
-        if statement.chromaticities and not differs:
-            differs = not same_space(_matrix(statement, role, path), self._primaries(space))
-        if differs:
-            raise JobError(
-                f"The {role} says of itself {statement.text}, which is not {space}", str(path),
-                f"files that agree with `{role}.colorspace`",
-                f"correct that key or remove it (the files' own space is then used); if the files are wrong, "
-                f"remove the attribute: `oiiotool {path.name} --eraseattrib \"chromaticities|colorInteropID\" -o ...`",
-            )  # fmt: skip
-
-    def _same(self, one: str, other: str) -> bool:
-        """Whether colours mean the same in two spaces."""
-        if one == other:
-            return True
-        here, there = (convert(_PROBES, self._conversion(space, LIN_REC709)) for space in (one, other))
-        return bool(np.allclose(here, there, rtol=1e-2, atol=1e-3))
-
-    def _primaries(self, space: str) -> Float64:
-        """Matrix [3, 3] to linear Rec.709 of a space's primaries, whatever its transfer function; white is 1."""
-        corners = np.concatenate([np.eye(3, dtype=np.float32), np.ones((1, 3), np.float32)])
-        seen = convert(corners, self._conversion(space, LIN_REC709)).astype(np.float64)
-        return np.asarray(seen[:3].T / seen[3].mean())
+        return self._spaces.stated(statement, role, path)
 
     def _output_space(self) -> OutputSpace:
         """The space of the EXRs.
@@ -231,7 +117,7 @@ class _Resolver:
         Raises:
             JobError: it is not linear: layers would no longer add up, nor alpha cover.
         """
-        name = self._canonical(self._shot.color.output, "color.output")
+        name = self._spaces.canonical(self._shot.color.output, "color.output")
         interop = INTEROP_OF.get(name, "")
         if interop in PRIMARIES:
             return OutputSpace(name, interop, PRIMARIES[interop])
@@ -249,45 +135,16 @@ class _Resolver:
         """Matrix [3, 3] of a space to linear Rec.709, found by converting colours; None if the space is not linear."""
         if name == SRGB:
             return None
-        conversion = self._conversion(name, LIN_REC709)
+        conversion = self._spaces.conversion(name, LIN_REC709)
         matrix = convert(np.eye(3, dtype=np.float32), conversion).astype(np.float64).T
-        probes = np.concatenate([_PROBES, -0.1 * _PROBES, 30 * _PROBES, np.zeros((1, 3), np.float32)])
+        probes = np.concatenate([PROBES, -0.1 * PROBES, 30 * PROBES, np.zeros((1, 3), np.float32)])
         seen = convert(probes, conversion)
         return matrix if np.allclose(seen, probes @ matrix.T, rtol=1e-4, atol=1e-4) else None
 
     def _display(self, output: str) -> Conversion:
         view = self._shot.color.view
-        return self._conversion(output, SRGB) if view is None else self.config.view(output, view, "key color.view")
-
-
-def _matrix(statement: Statement, role: str, path: Path) -> Float64:
-    """Matrix [3, 3] to linear Rec.709 of a file's chromaticities.
-
-    Raises:
-        JobError: they span no colour space.
-    """
-    try:
-        return matrix_to_rec709(statement.chromaticities)
-    except ValueError as error:
-        raise _no_space(statement, role, path, str(error)) from error
-
-
-def _linear_space(statement: Statement, role: str, path: Path) -> str:
-    """Interop identifier of the linear space that a file's chromaticities mean.
-
-    Raises:
-        JobError: they are of no space that has a name.
-    """
-    _matrix(statement, role, path)
-    found = space_of_chromaticities(statement.chromaticities)
-    if found is None:
-        raise _no_space(statement, role, path, "they are of no space that is known")
-    return found
-
-
-def _no_space(statement: Statement, role: str, path: Path, why: str) -> JobError:
-    return JobError(
-        f"The {role} has {statement.text}, and {why}", str(path),
-        "those of Rec.709, ACEScg, ACES2065-1, P3-D65, Rec.2020 or Adobe RGB",
-        f"name the space in `{role}.colorspace` of the job, with a configuration that defines it",
-    )  # fmt: skip
+        return (
+            self._spaces.conversion(output, SRGB)
+            if view is None
+            else self._spaces.config.view(output, view, "key color.view")
+        )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -14,20 +13,26 @@ from yesnt.core.camera import Camera
 from yesnt.core.color import straighten
 from yesnt.core.color_spaces import Conversion
 from yesnt.core.errors import JobError
-from yesnt.core.shot import MATERIAL, Job, MatteInput, PlateInput
+from yesnt.core.shot import MATERIAL, Job, MatteInput
 from yesnt.io.jobfile import frame_path, pass_patterns
 from yesnt.io.pictures.association import PREMULTIPLIED, association
 from yesnt.io.pictures.channels import channels_of, named
 from yesnt.io.pictures.decode_color import to_scene_linear
-from yesnt.io.pictures.image import read_channels, read_headers
+from yesnt.io.pictures.image import read_headers
 from yesnt.io.pictures.material_pass import read_quantity, single_pass
-from yesnt.io.pictures.passes import Headers, find_color, find_matte, find_normals, find_scalar, find_z, labels
+from yesnt.io.pictures.not_finite import not_finite, refuse_not_finite
+from yesnt.io.pictures.passes import (
+    Headers,
+    find_color,
+    find_matte,
+    find_normals,
+    find_scalar,
+    find_z,
+    labels,
+)
 from yesnt.io.pictures.placed import read_placed
 from yesnt.io.pictures.plate_header import carried_attributes
 from yesnt.io.pictures.surface import planar_z, world_normals
-
-AS_IT_IS = Conversion()
-"""Linear Rec.709 that stays it."""
 
 
 @dataclass(frozen=True)
@@ -74,21 +79,6 @@ class Surface:
     z: NDArray[np.float32]
 
 
-@dataclass(frozen=True)
-class Radiance:
-    """An env map as it lies in its file.
-
-    Attributes:
-        values: [h, w, 3] radiance, finite and >= 0.
-        negative: how many negative values were set to 0.
-        infinite: how many infinite values were set to the clamp.
-    """
-
-    values: NDArray[np.float32]
-    negative: int = 0
-    infinite: int = 0
-
-
 def read_plate(job: Job, frame: int, working: bool = False) -> Plate:
     """The plate of a frame, in linear Rec.709 or in the working space."""
     return _plate(job, frame, job.colors.plate_working if working else job.colors.plate)
@@ -107,7 +97,7 @@ def read_background(job: Job, frame: int) -> NDArray[np.float32] | None:
     if job.shot.background is None:
         return None
     stored = _stored(job, "background", frame)
-    _refuse_nan(_not_finite(stored.color), stored.path, stored.label)
+    refuse_not_finite(not_finite(stored.color), stored.path, stored.label)
     color, uncovered = _straight(stored, job.colors.background)
     rgb = color * stored.matte[..., None]
     return np.concatenate([rgb if uncovered is None else rgb + uncovered, stored.matte[..., None]], axis=-1)
@@ -121,7 +111,7 @@ def read_surface(job: Job, frame: int, camera: Camera) -> Surface:
     z, *axes = read_placed(job, channels)
     normal = np.stack(axes, axis=-1)
     _refuse_inside(job, frame, np.isnan(z), headers[0].path, channels[0].label)
-    bad = _not_finite(normal)
+    bad = not_finite(normal)
     _refuse_inside(job, frame, bad, headers[0].path, labels(channels[1:]))
     normal = np.where(bad[..., None], 0, normal) if bad.any() else normal
     return Surface(world_normals(normal, spec, camera, frame), planar_z(z, spec, camera, frame))
@@ -182,42 +172,16 @@ def read_flow(job: Job, frame: int) -> NDArray[np.float32]:
     headers = read_headers(frame_path(job.root, pattern, frame))
     channels = channels_of(headers, None, "flow")
     flow = np.stack(read_placed(job, [named(channels, f"forward.{c}", "flow") for c in "uv"]), axis=-1)
-    bad = _not_finite(flow)
+    bad = not_finite(flow)
     _refuse_inside(job, frame, bad, headers[0].path, "forward.u, forward.v")
     return np.where(bad[..., None], np.float32(0), flow) if bad.any() else flow
 
 
-def read_radiance(path: Path, conversion: Conversion = AS_IT_IS, clamp: float | None = None) -> Radiance:
-    """An env map as it lies in its file.
-
-    Args:
-        path: of the map.
-        conversion: of its colours.
-        clamp: what infinite radiance becomes, in the file's units; None: it is refused.
-
-    Raises:
-        JobError: not an RGB picture, or NaN or Inf in it.
-    """
-    headers = read_headers(path)
-    found = find_color(headers, PlateInput(path=str(path)), "light")
-    header = found.color[0].header
-    planes = read_channels(header, [channel.name for channel in found.color])
-    stored = np.stack([planes[channel.name] for channel in found.color], axis=-1)
-    infinite = np.isposinf(stored)
-    if clamp is not None:
-        stored = np.where(infinite, np.float32(clamp), stored)
-    remedy = "mend this picture" if clamp is not None or not infinite.any() else "mend it, or set `clamp` for this map"
-    _refuse_nan(~np.isfinite(stored), str(path), "R, G, B", remedy)
-    radiance = to_scene_linear(stored, conversion)
-    negative = radiance < 0
-    return Radiance(np.where(negative, 0, radiance), int(negative.sum()), int(infinite.sum()))
-
-
 def _plate(job: Job, frame: int, conversion: Conversion) -> Plate:
     stored = _stored(job, "plate", frame)
-    bad = _not_finite(stored.color)
+    bad = not_finite(stored.color)
     if bad.any():
-        _refuse_nan(bad & (stored.matte > 0), stored.path, stored.label)
+        refuse_not_finite(bad & (stored.matte > 0), stored.path, stored.label)
         stored = replace(stored, color=np.where(bad[..., None], np.float32(0), stored.color))
     color, uncovered = _straight(stored, conversion)
     negative = color < 0
@@ -253,7 +217,7 @@ def _stored(job: Job, role: Literal["plate", "background"], frame: int) -> _Stor
     color, alpha = np.stack(planes[:3], axis=-1), planes[3] if found.alpha else None
     coverage = _separate_matte(job, matte_input, frame) if matte_input else alpha
     matte = np.ones(color.shape[:2], np.float32) if coverage is None else coverage
-    _refuse_nan(~np.isfinite(matte), headers[0].path, found.label)
+    refuse_not_finite(~np.isfinite(matte), headers[0].path, found.label)
     beyond, peak = (matte < 0) | (matte > 1), float(matte.max(initial=0))
     matte = np.clip(matte, 0, 1).astype(np.float32)
     by = None
@@ -287,24 +251,7 @@ def _separate_matte(job: Job, spec: MatteInput, frame: int) -> NDArray[np.float3
     return first
 
 
-def _not_finite(vectors: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Pixels [H, W] of which a component is NaN or infinite."""
-    return np.asarray(~np.isfinite(vectors).all(axis=-1))
-
-
 def _refuse_inside(job: Job, frame: int, bad: NDArray[np.bool_], where: str, channels: str) -> None:
     """Refuses values that are not finite inside the matte; what lies outside it is not used."""
     if bad.any():
-        _refuse_nan(bad & (read_matte(job, frame) > 0), where, channels)
-
-
-def _refuse_nan(bad: NDArray[np.bool_], where: str, channels: str, remedy: str = "mend this picture") -> None:
-    count = int(bad.sum())
-    if count:
-        y, x = (int(v[0]) for v in np.nonzero(bad)[:2])
-        raise JobError(
-            f"{count} values are NaN or Inf in {channels}",
-            f"{where}, first at x={x} y={y}",
-            "finite numbers",
-            remedy,
-        )
+        refuse_not_finite(bad & (read_matte(job, frame) > 0), where, channels)

@@ -66,24 +66,18 @@ class EnvMap:
 
     @classmethod
     def open(cls, path: str | Path, convention: str = "blender") -> EnvMap:
-        """Reads the channels R, G, B of an EXR file.
+        """Reads a lat-long picture, as its file states its colours: without a statement floats are linear Rec.709.
 
         Args:
             path: the file.
             convention: a key of CONVENTIONS.
 
         Raises:
-            JobError: a colour channel is absent, or as `from_array`.
+            JobError: a colour channel is absent, the file's colour space is not known, or as `from_array`.
         """
-        from yesnt.io.pictures.image import read_image  # the one upward import: a map is usually a file
+        from yesnt.io.env_maps import read_map  # the one upward import: a map is usually a file
 
-        channels = read_image(Path(path)).channels
-        missing = [name for name in "RGB" if name not in channels]
-        if missing:
-            raise JobError(
-                f"The env map lacks {', '.join(missing)}", str(path), "channels R, G, B", "export an RGB lat-long map"
-            )
-        return cls.from_array(np.stack([channels[name] for name in "RGB"], axis=-1), convention)
+        return cls.from_array(read_map(Path(path)), convention)
 
     def turned(self, rotation: Sequence[float], exposure: float = 0.0) -> EnvMap:
         """The same map with this rotation (degrees: yaw, pitch, roll) and exposure (stops)."""

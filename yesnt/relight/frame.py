@@ -36,7 +36,7 @@ class FrameInputs:
     """Inputs of one frame.
 
     Attributes:
-        plate: [H, W, 3] straight (un-premultiplied) scene-linear Rec.709.
+        plate: [H, W, 3] straight (un-premultiplied), scene-linear, in the space of the lights.
         surface: normal, z, opacity, roughness, metallic and the camera.
         base_color: known base colour [H, W, 3]; None: the capture light is divided out of the plate.
     """
@@ -48,7 +48,7 @@ class FrameInputs:
 
 @dataclass(frozen=True)
 class RelitFrame:
-    """Result of one frame: straight images, scene-linear Rec.709, 0 where the opacity is 0.
+    """Result of one frame: straight images, scene-linear, in the space of the lights, 0 where the opacity is 0.
 
     Attributes:
         base_color: [H, W, 3] 0..1, as relit.

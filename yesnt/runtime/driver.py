@@ -9,6 +9,7 @@ from __future__ import annotations
 import queue
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +19,15 @@ from yesnt.io.durable import is_full
 from yesnt.io.records import RecordBook
 from yesnt.planning.graph import Graph, Node, NodeId
 from yesnt.runtime.attempt import attempt, worker_of
-from yesnt.runtime.scheduler_watch import NO_WORKER, SchedulerWatch, lost, no_worker_errors, received, without_workers
+from yesnt.runtime.scheduler_watch import (
+    NO_WORKER,
+    SchedulerWatch,
+    gathered,
+    lost,
+    no_worker_errors,
+    received,
+    without_workers,
+)
 from yesnt.runtime.start_order import ReadyNodes
 from yesnt.runtime.supervisor import Supervisor
 
@@ -256,19 +265,31 @@ class Driver:
 
     def _read_receipts(self) -> None:
         """Fetches the receipts of finished tasks; their successors were submitted before, so no worker waits for it."""
-        from distributed import KilledWorker
-
-        while self._unread:
-            node, future = self._unread.pop(0)
-            try:
-                receipt: Receipt = received(future.result)
-            except KilledWorker:  # the worker died with it, and the next one while Dask had it made again
-                receipt = self._recorded(node)
+        unread, self._unread = self._unread, []
+        for (node, _), receipt in zip(unread, self._fetched(unread), strict=True):
             self._supervisor.hosts.succeeded(receipt.get("worker", ""))
             self._outcome.busy_seconds += receipt["seconds"]
             self._outcome.kernel_seconds += receipt["kernel_seconds"]
             self._tell("done", node, **receipt)
             fault_point("driver.after_receipt")
+
+    def _fetched(self, unread: list[tuple[Node, Any]]) -> list[Receipt]:
+        """Receipts of finished tasks in one request: one each takes a driver of hundreds of workers all its time."""
+        from distributed import KilledWorker
+
+        if len(unread) > 1:
+            with suppress(KilledWorker):  # then one by one, which shows whose worker it was
+                return gathered([future for _, future in unread])
+        return [self._receipt(node, future) for node, future in unread]
+
+    def _receipt(self, node: Node, future: Any) -> Receipt:
+        from distributed import KilledWorker
+
+        try:
+            receipt: Receipt = received(future.result)
+        except KilledWorker:  # the worker died with it, and the next one while Dask had it made again
+            return self._recorded(node)
+        return receipt
 
     def _recorded(self, node: Node) -> Receipt:
         """A receipt made from the commit record, for a task whose worker died after it had committed."""

@@ -20,9 +20,10 @@ from yesnt.core.camera import Camera
 from yesnt.core.job_progress import Progress, no_progress
 from yesnt.core.parallel import parallel_map
 from yesnt.core.shot import MATERIAL, Job
-from yesnt.io import shot_inputs
+from yesnt.io import env_maps, shot_inputs
+from yesnt.io.color_statements import Statement
 from yesnt.io.fact_cache import FactCache
-from yesnt.io.job_colors import Statement, check_statement, first_statements
+from yesnt.io.job_colors import check_statement, first_statements
 from yesnt.io.jobfile import correction_patterns, frame_path, frames_on_disk, pass_files
 from yesnt.io.mesh import read_mesh
 from yesnt.io.output import OutputFolder
@@ -246,7 +247,7 @@ class InputChecks:
     def _check_map(self, path: Path, role: str) -> dict[str, Any]:
         """Decodes a map; counts what is used although it is odd."""
         check_statement(path, self._job.shot, role, self._statements[role])
-        found = shot_inputs.read_radiance(path, getattr(self._job.colors, role), getattr(self._job.shot, role).clamp)
+        found = env_maps.read_radiance(path, getattr(self._job.colors, role), getattr(self._job.shot, role).clamp)
         counts = {"negative values are read as 0": found.negative, "infinite values are clamped": found.infinite}
         size = [found.values.shape[1], found.values.shape[0]]
         return {"counts": {what: count for what, count in counts.items() if count}, "size": size}

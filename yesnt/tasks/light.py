@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from yesnt.core.camera import Camera
 from yesnt.core.color_spaces import Conversion
 from yesnt.core.shot import CaptureInput, Job, LightInput
-from yesnt.io import shot_inputs
+from yesnt.io import env_maps, shot_inputs
 from yesnt.io.file_digests import file_digest
 from yesnt.io.jobfile import frame_path
 from yesnt.io.pictures.shot_raster import shot_camera
@@ -47,7 +47,7 @@ def read_map(path: Path, spec: MapInput, conversion: Conversion) -> EnvMap:
     """Reads a map in the working space and applies the job's convention and clamp."""
     from yesnt.relight import EnvMap
 
-    radiance = shot_inputs.read_radiance(path, conversion, spec.clamp).values
+    radiance = env_maps.read_radiance(path, conversion, spec.clamp).values
     env = EnvMap.from_array(radiance, spec.convention)
     return env if spec.clamp is None else env.clamped(spec.clamp)
 

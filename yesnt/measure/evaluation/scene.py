@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.core.shot import Job
-from yesnt.io import shot_inputs
+from yesnt.io import env_maps, shot_inputs
 from yesnt.io.file_digests import file_digest
 from yesnt.io.pictures.shot_raster import shot_camera
 from yesnt.measure.evaluation.rows import Row
@@ -154,4 +154,4 @@ def open_scene(key: SceneKey) -> Scene:
 def _new_light(env: Path, digest: str, settings: RelightSettings) -> PreparedLight:
     """A map of the test set in Blender's convention; the file's digest is part of the cache's key."""
     del digest
-    return prepare_relight(EnvMap.from_array(shot_inputs.read_radiance(env).values), settings)
+    return prepare_relight(EnvMap.from_array(env_maps.read_radiance(env).values), settings)

@@ -13,7 +13,7 @@ from yesnt.runtime.consistency.sample import GOOD, SLOPES
 Facts = Mapping[str, Any]
 
 _RAY = 0.5  # share of distance along the ray in depth: 0.03 at most on the capture stage's shots, 1 if it is that
-_RAY_ERROR = 0.15  # standard error above which a narrow lens says nothing
+_RAY_GAIN = 1.5  # least gain of misfit: noisy normals gave 1.1, the shots of the capture stage 2 and more
 _SIZES = (0.02, 50.0)  # metres: a subject of the capture is between a hand and a truck
 _BRIGHT = 0.05  # share of pixels brighter than white paper would be
 _DARK = 0.1  # albedo that only 1 % of the pixels exceed
@@ -63,7 +63,7 @@ def _of_normals(facts: Sequence[Facts], where: str) -> Iterable[str]:
 
 def _of_depth(facts: Sequence[Facts], where: str) -> Iterable[str]:
     known = [one for one in facts if one["ray"] is not None and one["along"] is not None]
-    certain = [one["ray"] for one in known if one["ray_error"] < _RAY_ERROR and one["along"] > SLOPES]
+    certain = [one["ray"] for one in known if one["ray_gain"] > _RAY_GAIN and one["along"] > SLOPES]
     share = float(np.mean(certain)) if certain else 0.0
     if share > _RAY:
         yield f"gbuffer: by its normals depth is distance along the ray ({share:.0%}; {where}): say `z_kind: ray`"

@@ -22,7 +22,7 @@ from yesnt.tasks.light import frame_map
 def measure_frame(job: Job, frame: int, camera: Camera) -> dict[str, Any]:
     """Facts of a frame; empty where it has too few covered pixels to conclude anything.
 
-    Keys: `zero`, `unit`, `facing`, `along` (shares), `mends` (what mends normals: share), `ray`, `ray_error`, `extent`
+    Keys: `zero`, `unit`, `facing`, `along` (shares), `mends` (what mends normals: share), `ray`, `ray_gain`, `extent`
     (metres), `bright` (share), `albedo` (median, 99th percentile), `proxy` (hit, agree, ratio, degenerate, mends).
     """
     plate, surface = shot_inputs.read_plate(job, frame, working=True), shot_inputs.read_surface(job, frame, camera)
@@ -30,8 +30,8 @@ def measure_frame(job: Job, frame: int, camera: Camera) -> dict[str, Any]:
     if len(sample.z) < LEAST:
         return {}
     facts = _normals(sample, job.shot.gbuffer.normal_space)
-    share, error = ray_share(sample)
-    facts |= {"ray": _known(share), "ray_error": _known(error), "extent": sample.extent}
+    share, gain = ray_share(sample)
+    facts |= {"ray": _known(share), "ray_gain": gain, "extent": sample.extent}
     spec = job.shot.capture_light
     estimated = spec is not None and spec.path is None
     facts |= _brightness(sample, frame_map(job, None if estimated else spec, frame))

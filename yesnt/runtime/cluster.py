@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import getpass
 import logging
 import os
+import socket
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
 
 from yesnt.core.errors import ClusterLostError, RunCancelledError
 from yesnt.runtime.launchers.local import restore_environment
@@ -64,7 +67,7 @@ def open_cluster(spec: ClusterSpec, modules: tuple[str, ...] = ()) -> Iterator[C
     import dask
     import distributed  # noqa: F401 - it sets up its loggers, which are silenced below
 
-    with dask.config.set(dask_settings()), _quiet(), launched(spec) as running:
+    with dask.config.set(dask_settings()), _quiet(), launched(spec) as running, _dashboard(running):
         client = _connect(running)
         try:
             prepare_workers(client, prepare_plugin(modules, compiles=spec.kind != "local"))
@@ -92,6 +95,19 @@ def _connect(running: Running) -> Client:
             "a running Dask scheduler",
             "start it, then run again",
         ) from error
+
+
+def _dashboard(running: Running) -> AbstractContextManager[Any]:
+    """Makes Dask say where the dashboard is, if the launcher knows better than the scheduler's own address."""
+    import dask
+
+    return dask.config.set({"distributed.dashboard.link": running.dashboard}) if running.dashboard else nullcontext()
+
+
+def tunnel_to(dashboard: str) -> str:
+    """The command that makes a dashboard of this machine reachable from another one under the same address."""
+    port = urlsplit(dashboard).port
+    return f"ssh -N -L {port}:127.0.0.1:{port} {getpass.getuser()}@{socket.getfqdn()}" if port else ""
 
 
 def dashboard_of(client: Client) -> str:

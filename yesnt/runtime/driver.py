@@ -30,6 +30,7 @@ from yesnt.runtime.scheduler_watch import (
 )
 from yesnt.runtime.start_order import ReadyNodes
 from yesnt.runtime.supervisor import Supervisor
+from yesnt.runtime.worker_pools import WorkerPools
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -48,12 +49,16 @@ class DriverSettings:
         deaths: a node is dead after its worker died this often while the node was the only task on it.
         order: frames in the order in which they are wanted; empty: ascending.
         priority: of the tasks among those of other runs on the same scheduler; higher ones go first.
+        gpu_stages: stages that go to GPU workers where there are any; none: every worker takes every task.
+        pools: resources that the cluster's launcher starts workers for; empty: unknown.
     """
 
     retries: int = 1
     deaths: int = 2
     order: tuple[int, ...] = ()
     priority: int = 0
+    gpu_stages: frozenset[str] = frozenset()
+    pools: frozenset[str] = frozenset()
 
 
 @dataclass
@@ -116,6 +121,7 @@ class Driver:
         self._context, self._graph, self._book, self._task = context, graph, book, task
         self._settings, self._listen = settings or DriverSettings(), listen
         self._supervisor = supervisor or Supervisor(tell=listen)
+        self._pools = WorkerPools(self._settings.gpu_stages, self._settings.pools)
         self._users = graph.users()
         self._waiting = {node.id: set(node.needs) for node in graph}
         self._ready = ReadyNodes(graph, self._users, self._settings.order)
@@ -163,7 +169,7 @@ class Driver:
         """
         from distributed.comm import CommClosedError
 
-        self._client, self._watch = client, SchedulerWatch(client)
+        self._client, self._watch = client, SchedulerWatch(client, self._pools)
         try:
             while self._waiting or self._unread:
                 self._supervisor.check()
@@ -172,6 +178,8 @@ class Driver:
                 started = self._fill(self._watch.slots(self._supervisor.hosts.blocked))
                 if self._watch.newly_alone():
                     self._listen({"event": "waiting", "time": time.time(), "reason": NO_WORKER})
+                if absent := self._pools.newly_absent(self._ready.stages()):
+                    self._listen({"event": "waiting", "time": time.time(), "reason": absent})
                 self._read_receipts()
                 for node, number in started:
                     self._tell("start", node, attempt=number)
@@ -197,11 +205,15 @@ class Driver:
             return [self._submit(self._suspects.pop())] if self._supervisor.admit(alone[0].name) else []
         started: list[tuple[Node, int]] = []
         while len(self._running) < slots and not self._quarantine():
-            node_id = self._ready.pop(self._supervisor.admit)
+            node_id = self._ready.pop(self._may_start)
             if node_id is None:
                 break
             started.append(self._submit(node_id))
         return started
+
+    def _may_start(self, stage: str) -> bool:
+        """Whether a worker is free for one more task of a stage, and the supervisor admits it."""
+        return self._pools.has_room(stage, (i[0].name for i in self._running)) and self._supervisor.admit(stage)
 
     def _quarantine(self) -> bool:
         return bool(self._suspects) or any(self._deaths.get(node_id) for node_id in self._running)
@@ -211,10 +223,12 @@ class Driver:
         number = self._attempts[node_id] = self._attempts.get(node_id, -1) + 1
         # The prefix before the hash groups the dashboard's bars by stage.
         key = (f"{node.stage.name}-{node.key}", node.index, number)
-        where = self._supervisor.hosts.elsewhere(node_id, self._watch.threads)
+        pool = self._pools.pool_of(node.stage.name)
+        workers = self._pools.workers_of(node.stage.name, self._watch.threads)
         future = self._client.submit(
-            attempt, self._task, self._context, node.without_needs(),
-            key=key, pure=False, retries=0, workers=where, priority=self._settings.priority,
+            attempt, self._task, self._context, node.without_needs(), key=key, pure=False, retries=0,
+            workers=self._supervisor.hosts.elsewhere(node_id, workers), priority=self._settings.priority,
+            resources={pool: 1} if pool else None,
         )  # fmt: skip
         self._running[node_id] = future
         fault_point("driver.after_submit")

@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from typing import Any
 
 from yesnt.core.errors import RunCancelledError
-from yesnt.runtime.cluster import address_of, dashboard_of, open_cluster, warm_up
+from yesnt.runtime.cluster import address_of, dashboard_of, open_cluster, tunnel_to, warm_up
 from yesnt.runtime.launchers.spec import ClusterSpec
 from yesnt.runtime.live_grid import frame_grid_of
 from yesnt.runtime.precompile import Precompilation
@@ -27,7 +27,7 @@ class LazyCluster:
     """
 
     def __init__(self, spec: ClusterSpec, modules: tuple[str, ...]) -> None:
-        self._spec, self._modules, self._stack = spec, modules, ExitStack()
+        self.spec, self._modules, self._stack = spec, modules, ExitStack()
         self._starter = ThreadPoolExecutor(2, "yesnt-cluster")
         self._started: Future[Any] | None = None
         self._told = False
@@ -38,12 +38,12 @@ class LazyCluster:
     def begin(self, listen: Listener) -> None:
         """Starts the workers and compiles kernels in the background; errors are raised by `client`."""
         if self._started is None:
-            if self._spec.kind == "local":
+            if self.spec.kind == "local":
                 self._compiling = Precompilation()
                 self._compiled = self._starter.submit(self._compiling.wait, listen)
-            warm_up(self._spec, self._modules)
+            warm_up(self.spec, self._modules)
             self._started = self._starter.submit(
-                lambda: self._stack.enter_context(open_cluster(self._spec, self._modules))
+                lambda: self._stack.enter_context(open_cluster(self.spec, self._modules))
             )
 
     def client(self, tell: Listener, check: Callable[[], None] = lambda: None) -> Any:
@@ -63,8 +63,10 @@ class LazyCluster:
             self._compiled.result()
         if not self._told:
             self.dashboard, self._told = dashboard_of(client), True
+            tunnel = tunnel_to(self.dashboard) if self.spec.profile is not None else ""
             page = frame_grid_of(self.dashboard)
-            tell({"event": "cluster", "dashboard": self.dashboard, "page": page, "scheduler": address_of(client)})
+            tell({"event": "cluster", "dashboard": self.dashboard, "page": page, "tunnel": tunnel,
+                  "scheduler": address_of(client)})  # fmt: skip
         return client
 
     def __enter__(self) -> LazyCluster:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection, Sequence
 from typing import TYPE_CHECKING, Any
 
 from yesnt.core.errors import ClusterLostError
+from yesnt.runtime.worker_pools import WorkerPools
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -29,9 +30,11 @@ class SchedulerWatch:
 
     Args:
         client: connected to the scheduler.
+        pools: gets what the workers offer, if the job divides them.
     """
 
-    def __init__(self, client: Client) -> None:
+    def __init__(self, client: Client, pools: WorkerPools) -> None:
+        self._pools = pools
         self._client, self._asked, self._answered = client, 0.0, time.monotonic()
         self._alone_since: float | None = None
         self._alone_told = False
@@ -55,8 +58,15 @@ class SchedulerWatch:
                 raise lost("it does not answer") from None
         else:
             self._answered = time.monotonic()
+            if self._pools.divided and threads.keys() != self.threads.keys():
+                self._pools.update(self._resources())
             self.threads = dict(threads)
             self._count(sum(self.threads.values()))
+
+    def _resources(self) -> dict[str, Any]:
+        """What each worker offers."""
+        found = self._client.sync(self._client.scheduler.identity, n_workers=-1)
+        return {address: worker["resources"] for address, worker in found["workers"].items()}
 
     def slots(self, blocked: Collection[str] = ()) -> int:
         """Threads of all workers but those of blocked hosts; at least 1, so that a task waits for the first worker."""

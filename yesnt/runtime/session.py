@@ -25,14 +25,14 @@ from yesnt.planning import settings as of
 from yesnt.planning.chunks import ChunkPlan, Extent, fits_whole, matte_extent, plan_chunks
 from yesnt.planning.frame_grid import DEAD, FrameGrid
 from yesnt.planning.graph import Graph, NodeId
-from yesnt.planning.resources import needs_gpu
+from yesnt.planning.resources import needs_gpu, runs_on_gpu
 from yesnt.planning.shot_plan import ShotPlan
 from yesnt.planning.stages import STAGES
 from yesnt.runtime.clamps import clamp_lines
 from yesnt.runtime.driver import Driver, Outcome, is_done
 from yesnt.runtime.input_checks import InputChecks
 from yesnt.runtime.launchers.spec import ClusterSpec
-from yesnt.runtime.launchers.table import check_cluster
+from yesnt.runtime.launchers.table import check_cluster, launcher_of
 from yesnt.runtime.lazy_cluster import LazyCluster
 from yesnt.runtime.live_grid import LiveGrid
 from yesnt.runtime.preflight import Resolved, resolve
@@ -221,7 +221,9 @@ class Session:
         FrameStore.create(
             self.output.store, plan.arrays(), self.job.frames, self.job.height, self.job.width
         )  # fmt: skip
-        settings = replace(run.options.driver, order=wanted_order(self.job, run.options.frames))
+        settings = replace(
+            run.options.driver, order=wanted_order(self.job, run.options.frames), **self._pools(run.cluster.spec, graph)
+        )
         driver = Driver(self.job, graph, self.book, run_node, settings, tell, run.supervisor)
         reused = driver.reuse()
         tell({"event": "plan", "stages": _count(graph), "reused": _count_ids(reused.reused)})
@@ -240,6 +242,13 @@ class Session:
         lost = {stage.name for stage, _ in (*outcome.failed, *outcome.dead)}
         found = len(result.missing) > len(known.reasons)  # else the next pass would fail alike
         return bool(found and outcome.blocked and lost - {"preview"})  # a video cannot leave out frames of its own
+
+    def _pools(self, cluster: ClusterSpec, graph: Graph) -> dict[str, Any]:
+        """Settings of the driver for a job that has tasks for a GPU."""
+        if not cluster.gpu:
+            return {}
+        stages = frozenset(node.stage.name for node in graph if runs_on_gpu(node))
+        return {"gpu_stages": stages, "pools": launcher_of(cluster).pools}
 
     def _index_records(self) -> RecordIndex:
         """The record index, brought up to date, so that the next `status` reads no records."""

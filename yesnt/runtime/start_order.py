@@ -43,6 +43,10 @@ class ReadyNodes:
                 return heapq.heappop(self._heaps[name])[1]
         return None
 
+    def stages(self) -> list[str]:
+        """Stages of which a node is ready."""
+        return [name for name, heap in self._heaps.items() if heap]
+
     def remove(self, node_id: NodeId) -> None:
         """Makes sure that a node does not start, whether it is ready or not."""
         self._removed.add(node_id)

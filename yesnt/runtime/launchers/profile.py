@@ -236,6 +236,8 @@ class Kubernetes(Started):
         node_selector: labels of the workers' nodes.
         tolerations: of the workers.
         image_pull_secrets: names of secrets.
+        user: number of the user that pods run as; absent: the user's who starts the run, whose folders they write.
+        group: number of the group; absent: the user's.
         gpu: GPU workers.
     """
 
@@ -249,13 +251,15 @@ class Kubernetes(Started):
     node_selector: dict[Word, str] = {}
     tolerations: tuple[dict[Word, str], ...] = ()
     image_pull_secrets: tuple[Word, ...] = ()
+    user: Annotated[int, Field(ge=0)] | None = None
+    group: Annotated[int, Field(ge=0)] | None = None
     gpu: KubernetesGpu | None = None
 
 
 Profile: TypeAlias = Local | Attach | Ssh | Slurm | Kubernetes
 """A validated profile."""
 
-MODELS: dict[str, type[Local] | type[Attach] | type[Ssh] | type[Slurm]] = {
-    "local": Local, "attach": Attach, "ssh": Ssh, "slurm": Slurm,
+MODELS: dict[str, type[Local] | type[Attach] | type[Ssh] | type[Slurm] | type[Kubernetes]] = {
+    "local": Local, "attach": Attach, "ssh": Ssh, "slurm": Slurm, "kubernetes": Kubernetes,
 }  # fmt: skip
 """The model of each kind."""

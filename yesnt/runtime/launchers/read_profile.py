@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from yesnt.runtime.launchers.profile import Profile
 
-KINDS = ("local", "attach", "ssh", "slurm")
+KINDS = ("local", "attach", "ssh", "slurm", "kubernetes")
 """Kinds of profile, in the order in which messages name them."""
 
 MAX_PROFILE_BYTES = 1 << 20

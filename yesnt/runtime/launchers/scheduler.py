@@ -51,6 +51,12 @@ def scheduler_here(certificate: Certificate, interface: str | None, host: str | 
                 cluster.close(timeout=10)
 
 
+def dashboard_address(cluster: Any) -> str:
+    """Address of the dashboard, which this machine alone reaches; "" if Dask could not start it."""
+    port = cluster.scheduler_info.get("services", {}).get("dashboard")
+    return f"http://127.0.0.1:{port}/status" if port else ""
+
+
 def joined(cluster: Any) -> set[str]:
     """Names of the workers that are connected."""
     return {str(worker.name) for worker in list(cluster.scheduler.workers.values())}

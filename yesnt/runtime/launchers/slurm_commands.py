@@ -38,16 +38,23 @@ def job_class() -> Any:
     return SLURMJob
 
 
-def require_command(name: str) -> None:
+def require_command(
+    name: str, kind: str = "slurm", do: str = "run it on the cluster's login node, or load Slurm's module"
+) -> None:
     """Refuses a machine on which a command is absent.
+
+    Args:
+        name: of the program.
+        kind: of cluster that needs it.
+        do: the remedy.
 
     Raises:
         UsageError: it is not on the search path.
     """
     if shutil.which(name) is None:
         raise UsageError(
-            f"The command {name} is not on this machine", "--cluster slurm", "a machine that submits to Slurm",
-            "run it on the cluster's login node, or load Slurm's module",
+            f"The command {name} is not on this machine", f"a cluster of the kind {kind}",
+            f"{name} on the search path", do,
         )  # fmt: skip
 
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from yesnt.runtime.launchers.certificates import Certificate, CertificateFiles, certificate_files, make_certificate
 from yesnt.runtime.launchers.profile import Started
-from yesnt.runtime.launchers.scheduler import joined, scheduler_here
+from yesnt.runtime.launchers.scheduler import dashboard_address, joined, scheduler_here
 from yesnt.runtime.launchers.table import Running
 from yesnt.runtime.launchers.top_up import RUN_UNTIL, Source, TopUp, topped_up
 from yesnt.runtime.launchers.worker_command import WorkerGroup
@@ -44,7 +44,7 @@ def workers_elsewhere(
         groups = groups_of(cluster.scheduler_address, certificate, files)
         top_up = TopUp(groups, partial(joined, cluster), log, partial(_lose, cluster), _ends_at())
         with topped_up(top_up):
-            yield Running(cluster, certificate.security(), top_up.problem)
+            yield Running(cluster, certificate.security(), dashboard_address(cluster), top_up.problem)
 
 
 def worker_logs(folder: Path) -> Path:
@@ -75,4 +75,5 @@ def _ends_at() -> float | None:
 
 def _lose(cluster: Any) -> None:
     """Closes the scheduler, so that the driver notices that the cluster is lost."""
-    cluster.sync(cluster.scheduler.close)
+    with suppress(TimeoutError, OSError):
+        cluster.close(timeout=10)

@@ -19,6 +19,7 @@ LAUNCHERS = {
     "attach": "yesnt.runtime.launchers.attach:AttachLauncher",
     "ssh": "yesnt.runtime.launchers.ssh:SshLauncher",
     "slurm": "yesnt.runtime.launchers.slurm:slurm_launcher",
+    "kubernetes": "yesnt.runtime.launchers.kubernetes:KubernetesLauncher",
 }
 """The class of each kind of cluster, as `module:class`; or `module:function`; called with a `ClusterSpec`."""
 
@@ -34,11 +35,13 @@ class Running:
     Attributes:
         address: of the scheduler, or Dask's cluster object.
         security: Dask's TLS settings; None: its configuration's.
+        dashboard: address of Dask's dashboard on this machine; "": as the scheduler says.
         problem: why the cluster is of no use any more (its workers end as soon as they start); None while it is well.
     """
 
     address: Any
     security: Any = None
+    dashboard: str = ""
     problem: Callable[[], YesntError | None] = _no_problem
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
+from yesnt.io.records import RecordBook
 from yesnt.planning.graph import Node
 
 _WORKER = "yesnt_worker"
@@ -25,6 +26,17 @@ def worker_of(error: BaseException | None) -> str:
     """The worker that a task failed on, or that died with it; "" if it is not known."""
     last = getattr(error, "last_worker", None)  # of Dask's KilledWorker
     return str(getattr(error, _WORKER, None) or getattr(last, "address", None) or "")
+
+
+def recorded(book: RecordBook, node: Node) -> dict[str, Any]:
+    """A receipt made from the commit record, for a task whose worker died after it had committed."""
+    record = book.find(node.stage, node.frames[-1])
+    seconds, facts = ({}, {}) if record is None else (record.seconds, record.facts)
+    return {
+        "seconds": seconds.get("task", 0.0),
+        "kernel_seconds": seconds.get("kernel", 0.0),
+        "peak_bytes": facts.get("peak_bytes", 0),
+    }
 
 
 def _own_address() -> str:

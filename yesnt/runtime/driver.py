@@ -18,9 +18,8 @@ from yesnt.core.fault_points import fault_point
 from yesnt.io.durable import is_full
 from yesnt.io.records import RecordBook
 from yesnt.planning.graph import Graph, Node, NodeId
-from yesnt.runtime.attempt import attempt, worker_of
+from yesnt.runtime.attempt import attempt, recorded, worker_of
 from yesnt.runtime.scheduler_watch import (
-    NO_WORKER,
     SchedulerWatch,
     gathered,
     lost,
@@ -176,10 +175,8 @@ class Driver:
                 self._skip()
                 self._watch.refresh()
                 started = self._fill(self._watch.slots(self._supervisor.hosts.blocked))
-                if self._watch.newly_alone():
-                    self._listen({"event": "waiting", "time": time.time(), "reason": NO_WORKER})
-                if absent := self._pools.newly_absent(self._ready.stages()):
-                    self._listen({"event": "waiting", "time": time.time(), "reason": absent})
+                if reason := self._watch.newly_waits(self._ready.stages()):
+                    self._listen({"event": "waiting", "time": time.time(), "reason": reason})
                 self._read_receipts()
                 for node, number in started:
                     self._tell("start", node, attempt=number)
@@ -302,18 +299,8 @@ class Driver:
         try:
             receipt: Receipt = received(future.result)
         except KilledWorker:  # the worker died with it, and the next one while Dask had it made again
-            return self._recorded(node)
+            return recorded(self._book, node)
         return receipt
-
-    def _recorded(self, node: Node) -> Receipt:
-        """A receipt made from the commit record, for a task whose worker died after it had committed."""
-        record = self._book.find(node.stage, node.frames[-1])
-        seconds, facts = ({}, {}) if record is None else (record.seconds, record.facts)
-        return {
-            "seconds": seconds.get("task", 0.0),
-            "kernel_seconds": seconds.get("kernel", 0.0),
-            "peak_bytes": facts.get("peak_bytes", 0),
-        }
 
     def _succeed(self, node: Node) -> None:
         """Marks a node as done; nodes that waited only for it become ready."""

@@ -78,6 +78,10 @@ class SchedulerWatch:
         newly, self._alone_told = alone and not self._alone_told, alone
         return newly
 
+    def newly_waits(self, stages: Collection[str]) -> str:
+        """What the run waits for, if no worker can take tasks of these stages; told once each time, else ""."""
+        return NO_WORKER if self.newly_alone() else self._pools.newly_absent(stages)
+
     def _count(self, threads: int) -> None:
         if threads:
             self._alone_since = None

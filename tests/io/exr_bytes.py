@@ -32,6 +32,7 @@ class Raw:
         aspect: pixel aspect ratio.
         attributes: name -> (type, bytes) to add.
         name: of the part, where the file has several.
+        deep: stored as deep scan lines of one sample a pixel.
     """
 
     planes: Mapping[str, np.ndarray]
@@ -42,6 +43,7 @@ class Raw:
     aspect: float = 1.0
     attributes: Mapping[str, tuple[str, bytes]] = field(default_factory=dict)
     name: str = ""
+    deep: bool = False
 
     @property
     def window(self) -> Box:
@@ -73,12 +75,13 @@ class Raw:
             "screenWindowWidth": ("float", struct.pack("<f", 1)),
             **self.attributes,
         }
+        if multipart or self.deep:
+            kind = b"deepscanline" if self.deep else b"scanlineimage"
+            entries |= {"type": ("string", kind), "chunkCount": ("int", struct.pack("<i", self.lines))}
         if multipart:
-            entries |= {
-                "name": ("string", self.name.encode()),
-                "type": ("string", b"scanlineimage"),
-                "chunkCount": ("int", struct.pack("<i", self.lines)),
-            }
+            entries["name"] = ("string", self.name.encode())
+        if self.deep:
+            entries |= {name: ("int", struct.pack("<i", 1)) for name in ("version", "maxSamplesPerPixel")}
         return b"".join(_attribute(name, *value) for name, value in entries.items()) + b"\0"
 
     def chunk(self, y: int) -> bytes:
@@ -92,6 +95,9 @@ class Raw:
                 columns = len([x for x in range(left, right + 1) if x % across == 0])
                 rows.append(np.ascontiguousarray(plane[row, :columns]).tobytes())
         data = b"".join(rows)
+        if self.deep:
+            counts = np.arange(1, right - left + 2, dtype=np.int32).tobytes()
+            return struct.pack("<i3Q", y, len(counts), len(data), len(data)) + counts + data
         return struct.pack("<ii", y, len(data)) + data
 
     def order_of_lines(self) -> Sequence[int]:
@@ -103,7 +109,8 @@ class Raw:
 def write_raw(path: Path, *parts: Raw) -> None:
     """Writes a file of one or more parts."""
     several = len(parts) > 1
-    head = struct.pack("<ii", 20000630, 2 | (0x1000 if several else 0) | 0x400)
+    flags = (0x1000 if several else 0) | (0x800 if any(part.deep for part in parts) else 0) | 0x400
+    head = struct.pack("<ii", 20000630, 2 | flags)
     head += b"".join(part.header(several) for part in parts) + (b"\0" if several else b"")
     position = len(head) + 8 * sum(part.lines for part in parts)
     tables, body = b"", b""
@@ -124,3 +131,37 @@ def string_vector(*words: str) -> tuple[str, bytes]:
 
 def _attribute(name: str, kind: str, value: bytes) -> bytes:
     return name.encode() + b"\0" + kind.encode() + b"\0" + struct.pack("<i", len(value)) + value
+
+
+LEVELS = {"one": 0, "mip": 1, "rip": 2}
+
+
+def write_tiled(path: Path, plane: np.ndarray, side: int, levels: str = "one", missing: int = 0) -> None:
+    """Writes the channels R, G, B of one square plane, whose side is a power of 2, in tiles of `side`.
+
+    Args:
+        path: the file.
+        plane: [N, N] float32; smaller levels hold -1 everywhere.
+        side: of a tile.
+        levels: one of `LEVELS`.
+        missing: so many tiles at the end of the file are not there, and their offsets are 0.
+    """
+    sizes = [len(plane) >> n for n in range(len(plane).bit_length())]
+    chosen = {"one": [(0, 0)], "mip": [(n, n) for n in range(len(sizes))]}.get(levels)
+    chosen = chosen or [(x, y) for y in range(len(sizes)) for x in range(len(sizes))]
+    tiles = struct.pack("<IIB", side, side, LEVELS[levels])
+    part = Raw(dict.fromkeys("RGB", plane), attributes={"tiles": ("tiledesc", tiles)}, order="increasing")
+    chunks = []
+    for level_x, level_y in chosen:
+        width, height = sizes[level_x], sizes[level_y]
+        seen = plane if (level_x, level_y) == (0, 0) else np.full((height, width), -1, np.float32)
+        for y in range(0, height, side):
+            for x in range(0, width, side):
+                rows = seen[y : y + side, x : x + side]
+                data = b"".join(row.tobytes() * 3 for row in rows)
+                chunks.append(struct.pack("<5i", x // side, y // side, level_x, level_y, len(data)) + data)
+    head = struct.pack("<ii", 20000630, 2 | 0x200) + part.header(False)
+    kept = len(chunks) - missing
+    starts = np.cumsum([len(head) + 8 * len(chunks), *map(len, chunks[:-1])])
+    offsets = [int(start) if i < kept else 0 for i, start in enumerate(starts)]
+    path.write_bytes(head + struct.pack(f"<{len(offsets)}Q", *offsets) + b"".join(chunks[:kept]))

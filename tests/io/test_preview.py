@@ -1,5 +1,6 @@
 """The preview video: segments are joined without loss, in order, with the same bytes each time."""
 
+from fractions import Fraction
 from pathlib import Path
 
 import av
@@ -7,8 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
+from yesnt.core.windows import Window
 from yesnt.io.exr import write_exr
-from yesnt.io.preview import SEGMENT_FRAMES, SHEET_CELL_WIDTH, SHEET_CELLS, join_segments, write_segment
+from yesnt.io.preview import SEGMENT_FRAMES, SHEET_CELL_WIDTH, SHEET_CELLS, Presentation, join_segments, write_segment
 
 LENGTH = 2 * SEGMENT_FRAMES + 5
 
@@ -65,3 +67,29 @@ def test_the_same_pictures_give_the_same_video(exrs: list[Path], tmp_path: Path)
         _ = [bytearray(number.to_bytes() * size) for size in (1_000, 50_000, 2_000_000)]  # other leftovers in memory
         videos.add(make(tmp_path / str(number), exrs, SEGMENT_FRAMES)[0].read_bytes())
     assert len(videos) == 1
+
+
+def test_rate_window_and_pixels_are_the_plates(tmp_path: Path) -> None:
+    exrs = []
+    for i in range(4):
+        plane = np.zeros((10, 24), np.float16)
+        plane[1:9, 2:22] = 0.5 + 0.1 * i
+        exrs.append(tmp_path / f"{i}.exr")
+        write_exr(exrs[-1], dict.fromkeys("RGB", plane))
+    how = Presentation(Window(2, 1, 20, 8), 2.0, Fraction(30000, 1001))
+    segments, strips = zip(*((tmp_path / f"{i}.mp4", tmp_path / f"{i}.png") for i in (0, 1)), strict=True)
+    for i, (segment, strip) in enumerate(zip(segments, strips, strict=True)):
+        write_segment(exrs[2 * i : 2 * i + 2], segment, strip, how=how)
+    video = tmp_path / "v.mp4"
+    join_segments(segments, strips, video, tmp_path / "s.png", how)
+    with av.open(str(video)) as source:
+        frames = list(source.decode(video=0))
+        assert source.streams.video[0].average_rate == Fraction(30000, 1001)
+    assert [(f.width, f.height) for f in frames] == [(40, 8)] * 4
+    np.testing.assert_allclose([f.time for f in frames], np.arange(4) * 1001 / 30000, atol=1e-4)
+    assert frames[0].to_ndarray(format="gray").min() > 150, "nothing outside the window is shown"
+
+
+@pytest.mark.parametrize(("aspect", "size"), [(2.0, (40, 10)), (0.5, (20, 20)), (1.0, (20, 10))])
+def test_pixels_are_made_square_without_loss(aspect: float, size: tuple[int, int]) -> None:
+    assert Presentation(aspect=aspect).square(20, 10) == size

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -15,14 +17,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.core.color import srgb_encode
+from yesnt.core.shot import Job
+from yesnt.core.windows import Window
 from yesnt.io.durable import durable_path
 from yesnt.io.exr import read_planes
 
 Display = Callable[[NDArray[np.float32]], NDArray[np.floating]]
 
 FRAMES_PER_SECOND = 24
+"""Of shots whose plates do not say."""
+
 SEGMENT_FRAMES = 24
-"""Frames of a video segment, one second; also the distance of the video's key frames."""
+"""Frames of a video segment of such a shot, one second; also the distance of the video's key frames."""
 
 LEAST_SIDE = 2
 """Columns and rows of the smallest picture that 4:2:0 can hold."""
@@ -30,12 +36,52 @@ LEAST_SIDE = 2
 SHEET_COLUMNS, SHEET_CELLS, SHEET_CELL_WIDTH = 8, 16, 192
 
 
-def has_video(width: int, height: int) -> bool:
-    """Whether pictures of this size can be coded: 4:2:0 needs two columns and two rows."""
-    return min(width, height) >= LEAST_SIDE
+@dataclass(frozen=True)
+class Presentation:
+    """How delivered pictures are shown.
+
+    Attributes:
+        shown: what is shown of a delivered picture, counted from its corner: the display window; None: all.
+        aspect: width of a pixel over its height; pictures are stretched to square pixels.
+        rate: frames per second.
+    """
+
+    shown: Window | None = None
+    aspect: float = 1.0
+    rate: Fraction = Fraction(FRAMES_PER_SECOND)
+
+    @classmethod
+    def of(cls, job: Job) -> Presentation:
+        """The display window, the pixels and the frame rate of a job's plates."""
+        raster = job.raster
+        if raster is None:
+            return cls()
+        shown = raster.display.moved(-raster.processed.left, -raster.processed.top)
+        rate = Fraction(*raster.rate) if raster.rate else Fraction(FRAMES_PER_SECOND)
+        return cls(None if raster.display == raster.processed else shown, raster.aspect, rate)
+
+    @property
+    def segment_frames(self) -> int:
+        """Frames of a video segment, about one second."""
+        return max(1, round(self.rate))
+
+    def square(self, width: int, height: int) -> tuple[int, int]:
+        """Columns and rows of a picture of square pixels: neither is less than those that are shown."""
+        return (round(width * self.aspect), height) if self.aspect >= 1 else (width, round(height / self.aspect))
 
 
-def write_segment(exrs: Sequence[Path], video: Path, strip: Path, show: Display = srgb_encode) -> None:
+USUAL = Presentation()
+"""All of a picture, square pixels, 24 frames per second."""
+
+
+def has_video(job: Job) -> bool:
+    """Whether a job's pictures can be coded: 4:2:0 needs two columns and two rows."""
+    return min(job.display_size) >= LEAST_SIDE
+
+
+def write_segment(
+    exrs: Sequence[Path], video: Path, strip: Path, show: Display = srgb_encode, how: Presentation = USUAL
+) -> None:
     """Encodes the composites of some frames as a video, and writes them side by side, reduced, as a PNG strip.
 
     One frame is in memory at a time.
@@ -45,14 +91,15 @@ def write_segment(exrs: Sequence[Path], video: Path, strip: Path, show: Display 
         video: the mp4 to write.
         strip: the PNG to write, one cell of `SHEET_CELL_WIDTH` pixels a frame.
         show: delivered colour [H, W, 3] to code values of an sRGB display in [0, 1].
+        how: window, pixels and rate.
     """
     cells: list[NDArray[np.uint8]] = []
     with _video(video) as container:
         stream = None
         for path in exrs:
-            picture = _display(path, show)
+            picture = _display(path, show, how)
             if stream is None:
-                stream = _coded_stream(container, picture)
+                stream = _coded_stream(container, picture, how.rate)
             _mux(container, stream, picture)
             cells.append(_shrink(picture))
         if stream is not None:
@@ -60,7 +107,9 @@ def write_segment(exrs: Sequence[Path], video: Path, strip: Path, show: Display 
     _write_png(strip, np.concatenate(cells, axis=1))
 
 
-def join_segments(segments: Sequence[Path], strips: Sequence[Path], video: Path, sheet: Path) -> None:
+def join_segments(
+    segments: Sequence[Path], strips: Sequence[Path], video: Path, sheet: Path, how: Presentation = USUAL
+) -> None:
     """Joins video segments in order, without encoding them again, and makes a contact sheet of their strips."""
     import av
 
@@ -75,7 +124,7 @@ def join_segments(segments: Sequence[Path], strips: Sequence[Path], video: Path,
                     if packet.dts is None:  # the end of the file
                         continue
                     frames += 1
-                    _shift(packet, first)
+                    _shift(packet, first, how.rate)
                     packet.stream = target
                     container.mux(packet)
             first += frames
@@ -94,10 +143,10 @@ def _video(path: Path) -> Iterator[Any]:
         yield container
 
 
-def _coded_stream(container: Any, picture: NDArray[np.uint8]) -> Any:
+def _coded_stream(container: Any, picture: NDArray[np.uint8], rate: Fraction) -> Any:
     import av
 
-    stream = container.add_stream("libx264", rate=FRAMES_PER_SECOND)
+    stream = container.add_stream("libx264", rate=rate)
     stream.height, stream.width = picture.shape[:2]
     stream.pix_fmt = "yuv420p"
     _tag(stream.codec_context)
@@ -131,20 +180,31 @@ def _mux(container: Any, stream: Any, picture: NDArray[np.uint8]) -> None:
     container.mux(stream.encode(frame))
 
 
-def _shift(packet: Any, frames: int) -> None:
+def _shift(packet: Any, frames: int, rate: Fraction) -> None:
     """Moves the time stamps of a segment's packet to its place in the whole video."""
-    ticks = round(frames / (FRAMES_PER_SECOND * packet.time_base))
+    ticks = round(frames / (rate * packet.time_base))
     packet.pts += ticks
     packet.dts += ticks
 
 
-def _display(path: Path, show: Display) -> NDArray[np.uint8]:
+def _display(path: Path, show: Display, how: Presentation) -> NDArray[np.uint8]:
     """The composite as display code values, cropped to even sides (4:2:0 needs them)."""
     planes = read_planes(path)
     color = np.stack([planes[name] for name in "RGB"], axis=-1).astype(np.float32)
+    if how.shown is not None:
+        color = color[how.shown.top : how.shown.bottom, how.shown.left : how.shown.right]
     picture = (np.clip(show(color), 0, 1) * 255 + 0.5).astype(np.uint8)
+    if how.aspect != 1:
+        picture = _stretched(picture, how)
     height, width = picture.shape[0] // 2 * 2, picture.shape[1] // 2 * 2
     return np.ascontiguousarray(picture[: max(height, 1), : max(width, 1)])
+
+
+def _stretched(picture: NDArray[np.uint8], how: Presentation) -> NDArray[np.uint8]:
+    import cv2
+
+    height, width = picture.shape[:2]
+    return np.asarray(cv2.resize(picture, how.square(width, height), interpolation=cv2.INTER_LINEAR), np.uint8)
 
 
 def _shrink(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -184,9 +244,9 @@ def _write_png(path: Path, picture: NDArray[np.uint8]) -> None:
         temporary.write_bytes(data.tobytes())
 
 
-def thumbnail(exr: Path, show: Display = srgb_encode) -> bytes:
+def thumbnail(exr: Path, show: Display = srgb_encode, how: Presentation = USUAL) -> bytes:
     """The composite of a delivered EXR as a small JPEG, for pages that show a run's progress; see `write_segment`."""
     import cv2
 
-    _, data = cv2.imencode(".jpg", _shrink(_display(exr, show))[..., ::-1])
+    _, data = cv2.imencode(".jpg", _shrink(_display(exr, show, how))[..., ::-1])
     return bytes(data)

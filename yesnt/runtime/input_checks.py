@@ -276,7 +276,7 @@ def inspect(resolved: Resolved) -> list[str]:
 
 def _no_video(job: Job) -> Iterable[str]:
     """Pictures of which no preview video can be made; their EXRs are delivered."""
-    if not has_video(job.width, job.height):
+    if not has_video(job):
         yield f"no preview video is made: the pictures are {job.width}x{job.height}, and a video needs at least 2x2"
 
 

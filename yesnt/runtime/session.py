@@ -17,7 +17,7 @@ from yesnt.io.dead_marks import DeadMarks, Marks
 from yesnt.io.durable import sweep_partials
 from yesnt.io.lease import Lease, LeaseState
 from yesnt.io.output import OutputFolder
-from yesnt.io.preview import thumbnail
+from yesnt.io.preview import Presentation, thumbnail
 from yesnt.io.record_index import RecordIndex
 from yesnt.io.records import RecordBook
 from yesnt.io.store import FrameStore
@@ -274,10 +274,12 @@ class Session:
         grid = FrameGrid(self.job.frames, self.job.width * self.job.height / 1e6)
         for (stage, frame), reason in self.marked_dead().items():
             grid.lose(stage.name, frame, DEAD, reason)
-        show = partial(convert, conversion=self.job.colors.display)
-        live = LiveGrid(
-            self.job.shot.name, grid, lambda frame: thumbnail(self.output.exr_path(self.job.shot.name, frame), show)
-        )
+        show, how = partial(convert, conversion=self.job.colors.display), Presentation.of(self.job)
+
+        def picture(frame: int) -> bytes:
+            return thumbnail(self.output.exr_path(self.job.shot.name, frame), show, how)
+
+        live = LiveGrid(self.job.shot.name, grid, picture)
         try:
             yield live
         finally:

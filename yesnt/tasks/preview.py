@@ -8,7 +8,7 @@ from typing import Any
 
 from yesnt.io.color_config import convert
 from yesnt.io.file_digests import file_digest
-from yesnt.io.preview import join_segments, write_segment
+from yesnt.io.preview import Presentation, join_segments, write_segment
 from yesnt.planning.stages import SEGMENT
 from yesnt.planning.task_records import PreviewSegmentTask, PreviewTask
 from yesnt.tasks.workspace import Workspace
@@ -20,7 +20,7 @@ def encode_segment(space: Workspace[PreviewSegmentTask]) -> None:
     files = output.segment_paths(SEGMENT, space.node.index)
     files[0].parent.mkdir(parents=True, exist_ok=True)
     exrs = [output.exr_path(space.job.shot.name, frame) for frame in space.task.frames]
-    write_segment(exrs, *files, show=partial(convert, conversion=space.job.colors.display))
+    write_segment(exrs, *files, partial(convert, conversion=space.job.colors.display), Presentation.of(space.job))
     _commit(space, files)
 
 
@@ -30,7 +30,7 @@ def join_preview(space: Workspace[PreviewTask]) -> None:
     pairs = (output.segment_paths(SEGMENT, number) for number in range(space.task.segments))
     segments, strips = zip(*pairs, strict=True)
     files = output.run / "preview.mp4", output.run / "contact_sheet.png"
-    join_segments(segments, strips, *files)
+    join_segments(segments, strips, *files, Presentation.of(space.job))
     _commit(space, files)
 
 

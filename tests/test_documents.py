@@ -19,7 +19,7 @@ import yaml
 
 from tests.architecture_rules import FOLDERS, LAYERS, PHRASES, WORDS
 from yesnt.core.camera import Camera
-from yesnt.core.channels import CHANNELS, DELIVERED, ON_REQUEST, STORED
+from yesnt.core.channels import CHANNELS, DELIVERED, MEASURED, ON_REQUEST, STORED
 from yesnt.core.shot import Shot
 from yesnt.planning.stages import STAGES
 
@@ -197,7 +197,7 @@ def test_contract_names_every_delivered_channel() -> None:
     named = {"R", "G", "B", "A"}
     for stem, components in re.findall(r"`(?:(\w+)\.)?(\w+(?:/\w)*)`", text):
         named |= {f"{stem}.{c}" for c in components.split("/")} if stem else set()
-    delivered = {channel for name in (*DELIVERED, *ON_REQUEST) for channel in CHANNELS[name].exr}
+    delivered = {channel for name in (*DELIVERED, *MEASURED, *ON_REQUEST) for channel in CHANNELS[name].exr}
     assert delivered <= named, delivered - named
 
 
@@ -389,7 +389,7 @@ def test_every_section_with_figures_names_the_command_that_prints_them(page: Pat
 
 def test_channel_registry_is_whole() -> None:
     assert set(STORED) | set(DELIVERED) == set(CHANNELS)
-    for name in (*DELIVERED, *ON_REQUEST):
+    for name in (*DELIVERED, *MEASURED, *ON_REQUEST):
         assert len(CHANNELS[name].exr) == CHANNELS[name].components
 
 

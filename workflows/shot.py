@@ -1,9 +1,9 @@
 """The product in one sentence, as a graph.
 
 Keyframes, or windows of frames, are decomposed; flow links each frame to the next; frames between keyframes take their
-keyframe's materials along the flow and sample what is missing; corrections by the artist are applied; each frame's
-confidence is weighed and the shot is solved along the flow, in chunks if it is long; each frame is relit and composited
-as soon as it is solved.
+keyframe's materials along the flow and sample what is missing; the cameras of a capture measure the materials;
+corrections by the artist are applied; each frame's confidence is weighed and the shot is solved along the flow, in
+chunks if it is long; each frame is relit and composited as soon as it is solved.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from yesnt.planning.builders.composite import composite_nodes
 from yesnt.planning.builders.confidence import confidence_nodes
 from yesnt.planning.builders.correct import correct_nodes
 from yesnt.planning.builders.decompose import full_frame_nodes, in_between_nodes, window_nodes
+from yesnt.planning.builders.evidence import evidence_nodes
 from yesnt.planning.builders.flow import flow_nodes
 from yesnt.planning.builders.preview import preview_nodes, segment_nodes
 from yesnt.planning.builders.relight import relight_nodes
@@ -27,6 +28,7 @@ def shot_graph(plan: ShotPlan) -> Graph:
     graph.extend(full_frame_nodes(plan, graph))
     graph.extend(flow_nodes(plan))
     graph.extend(in_between_nodes(plan, graph))
+    graph.extend(evidence_nodes(plan, graph))
     graph.extend(correct_nodes(plan, graph))
     graph.extend(confidence_nodes(plan, graph))
     graph.extend(solve_nodes(plan, graph))

@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 from pydantic import BaseModel
 
+from yesnt.core.capture_input import CaptureCameras, EvidenceInput
 from yesnt.core.shot import (
     CaptureInput,
     DecomposeInput,
@@ -28,6 +29,7 @@ from yesnt.core.shot import (
     QuantityInput,
 )
 from yesnt.core.shot import TemporalInput as Temporal
+from yesnt.decompose.evidence.settings import EvidenceSettings
 from yesnt.decompose.settings import EnsembleSettings
 from yesnt.planning.stages import STAGES
 from yesnt.relight.settings import RelightSettings
@@ -40,6 +42,15 @@ SETTINGS: dict[str, tuple[type, ...]] = {
     "decompose": (PlateInput, DecomposeInput, EnsembleSettings),
     "flow": (PlateInput, FlowInput, FlowSettings),
     "correct": (PlateInput, QuantityInput, MaterialInput),
+    "evidence": (
+        PlateInput,
+        GBufferInput,
+        CaptureInput,
+        CaptureCameras,
+        EvidenceInput,
+        EvidenceSettings,
+        RelightSettings,
+    ),
     "confidence": (Temporal,),
     "solve": (Temporal, EnergyParams),
     "relight": (PlateInput, GBufferInput, LightInput, CaptureInput, RelightSettings),

@@ -58,6 +58,9 @@ _ALL = (
             ("roughness_std.Y", "metallic_std.Y")),
     Channel("nfe", 1, "float32", "network evaluations", "", 0.0, None),
     Channel("confidence", 2, "float32", "1", "roughness, metallic", 0.0, 1.0),
+    Channel("measured", 2, "float32", "1", "roughness, metallic", 0.0, 1.0),
+    Channel("measured_spread", 2, "float32", "1", "roughness, metallic", 0.0, 0.5),
+    Channel("views", 1, "float32", "cameras", "", 0.0, None, ("views.Y",)),
     Channel("corrected", 2, "float32", "1", "roughness, metallic", 0.0, 1.0),
     Channel("corrected_spread", 2, "float32", "1", "roughness, metallic", 0.0, 0.5),
     Channel("certain", 2, "float32", "1", "roughness, metallic", 0.0, 1.0),
@@ -82,6 +85,9 @@ STORED = (
     "observed",
     "spread",
     "nfe",
+    "measured",
+    "measured_spread",
+    "views",
     "corrected",
     "corrected_spread",
     "certain",
@@ -98,6 +104,9 @@ STORED = (
 
 DELIVERED = ("composite", "relit", "diffuse", "specular", "shadow", "material", "spread", "normal", "z")
 """Channels that the output EXR carries, in file order."""
+
+MEASURED = ("views",)
+"""Channels that it carries after these where the capture's cameras measure the materials."""
 
 ON_REQUEST = ("base_color",)
 """Channels that it carries after these where `exr.layers` names them."""

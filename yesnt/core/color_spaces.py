@@ -90,6 +90,7 @@ class JobColors:
         background: to the working space.
         light: of the map that relights, to the working space.
         capture_light: of the map that the plate was captured under, to the working space.
+        capture: of the pictures of the capture's cameras, to the working space.
         output: from the working space to the space of the delivered EXRs.
         display: from there to the preview's display.
         output_space: what the EXRs' headers state.
@@ -100,6 +101,7 @@ class JobColors:
     background: Conversion = Conversion()
     light: Conversion = Conversion()
     capture_light: Conversion = Conversion()
+    capture: Conversion = Conversion()
     output: Conversion = Conversion()
     display: Conversion = Conversion(target=SRGB)
     output_space: OutputSpace = field(default_factory=OutputSpace)

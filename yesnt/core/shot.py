@@ -6,14 +6,13 @@ from bisect import bisect_left
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
+from yesnt.core.capture_input import CaptureCameras, EvidenceInput, refuse_unmeasurable
 from yesnt.core.color_spaces import LIN_REC709, WORKING, JobColors
+from yesnt.core.job_part import Colorspace, Part
 from yesnt.core.keyframes import Numbers, number_at, numbers_at
 from yesnt.core.windows import Raster, Window
-
-Colorspace = Annotated[str, Field(min_length=1, max_length=200)]
-"""A space of the OpenColorIO configuration by name or role; `lin_rec709`, `acescg` and `srgb` need none."""
 
 Quality = Literal["draft", "standard", "final", "reference"]
 Knob = bool | int | float | str
@@ -27,13 +26,7 @@ def _plain_name(name: str) -> str:
     return name
 
 
-class _Part(BaseModel):
-    """A frozen section of the job; unknown keys are refused."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
-
-
-class PlateInput(_Part):
+class PlateInput(Part):
     """Colour pictures, the plate or the background.
 
     `layer` (or the name of a part) or `channels` says where the colour is, `view` which eye; absent: well-known names
@@ -54,14 +47,14 @@ class PlateInput(_Part):
         return self
 
 
-class MatteInput(_Part):
+class MatteInput(Part):
     """Coverage in pictures of its own, in place of the plate's alpha; `channel` is needed where it is not obvious."""
 
     path: str
     channel: str | None = None
 
 
-class GBufferInput(_Part):
+class GBufferInput(Part):
     """Depth and normals; `z` and `normal` name channels; where the defaults are absent, well-known names are.
 
     Depth is planar, the distance along the ray, or the inverse of planar depth (`z_kind`). Normals of a camera are in
@@ -92,7 +85,7 @@ Exposure = Annotated[
 ]
 
 
-class _Map(_Part):
+class _Map(Part):
     """How a lat-long map stands in the world; a path with a frame number names one map a frame.
 
     `rotation` is in degrees (yaw about +Z first), `exposure` in stops; both may be given by frame (core/keyframes.py).
@@ -152,13 +145,13 @@ class CaptureInput(_Map):
         return self
 
 
-class PathInput(_Part):
+class PathInput(Part):
     """A file sequence and nothing else."""
 
     path: str
 
 
-class QuantityInput(_Part):
+class QuantityInput(Part):
     """A pass of one quantity; `channel` names its channel, `alpha` says whether it is multiplied by coverage."""
 
     path: str
@@ -166,7 +159,7 @@ class QuantityInput(_Part):
     alpha: Literal["straight", "premultiplied"] = "straight"
 
 
-class DecomposeInput(_Part):
+class DecomposeInput(Part):
     """How roughness and metallic are had: a backend that is sampled, or passes already made.
 
     `path` holds both quantities; `roughness` or `metallic` one each, and the backend gives the other.
@@ -205,7 +198,7 @@ MATERIAL = ("roughness", "metallic")
 Share = Annotated[float, Field(ge=0, le=1)]
 
 
-class Scale(_Part):
+class Scale(Part):
     """A factor on what the decomposition found."""
 
     scale: Annotated[float, Field(ge=0, le=100)]
@@ -215,7 +208,7 @@ _SCALED = Discriminator(lambda value: SCALED if isinstance(value, Mapping | Scal
 Override = Annotated[Annotated[Share, Tag(FIXED)] | Annotated[Scale, Tag(SCALED)], _SCALED]
 
 
-class MaterialInput(_Part):
+class MaterialInput(Part):
     """An override of roughness or metallic where a mask or a Cryptomatte covers the picture.
 
     `channel` names the mask's channel. Of a Cryptomatte, `names` are the objects, materials or assets, and `layer` says
@@ -255,7 +248,7 @@ class MaterialInput(_Part):
         return self.roughness, self.metallic
 
 
-class FlowInput(_Part):
+class FlowInput(Part):
     """Optical flow: a method with its knobs, or a precomputed sequence with channels forward.u, forward.v.
 
     `weights` is the file of a learned method.
@@ -266,7 +259,7 @@ class FlowInput(_Part):
     knobs: dict[str, Knob] = Field(default_factory=dict)
 
 
-class TemporalInput(_Part):
+class TemporalInput(Part):
     """The energy of method.md section 4 and how it is cut into chunks; `knobs` are fields of EnergyParams.
 
     `memory` is what a worker may hold while it solves, in GB; by default no more than it takes to decompose a frame, so
@@ -291,7 +284,7 @@ def _working_space(name: str) -> str:
     return name.casefold()
 
 
-class ColorInput(_Part):
+class ColorInput(Part):
     """OpenColorIO's configuration, and the spaces of the work, the delivered EXRs and the preview.
 
     `config` is a path, a name such as `ocio://default`, or `$OCIO`: that of the environment, else the built-in ACES
@@ -305,14 +298,14 @@ class ColorInput(_Part):
     view: str | None = None
 
 
-class ExrOutput(_Part):
+class ExrOutput(Part):
     """How the EXR sequence is written; `layers` are delivered beside those that every file holds."""
 
     compression: Literal["none", "rle", "zips", "zip", "piz"] = "zip"
     layers: Annotated[tuple[Literal["base_color"], ...], Field(strict=False)] = ()
 
 
-class Shot(_Part):
+class Shot(Part):
     """One `shot.yaml` (contract.md, "A shot")."""
 
     version: Literal[1]
@@ -328,6 +321,8 @@ class Shot(_Part):
     proxy: PathInput | None = None
     decompose: DecomposeInput = DecomposeInput()
     materials: Annotated[tuple[MaterialInput, ...], Field(strict=False)] = ()
+    capture: CaptureCameras | None = None
+    evidence: EvidenceInput = EvidenceInput()
     flow: FlowInput = FlowInput()
     temporal: TemporalInput = TemporalInput()
     relight: dict[str, Knob] = Field(default_factory=dict)
@@ -343,8 +338,18 @@ class Shot(_Part):
         single = self.decompose.samples_backend and bool(self.decompose.quantities)
         return single or bool(self.materials)
 
+    @property
+    def captured(self) -> CaptureCameras | None:
+        """The capture's cameras, if they may measure the materials."""
+        return None if self.evidence.use is False else self.capture
 
-class Job(_Part):
+    @model_validator(mode="after")
+    def _measurable(self) -> Self:
+        refuse_unmeasurable(self.capture, self.evidence, self.proxy is not None)
+        return self
+
+
+class Job(Part):
     """A shot made absolute: where its files lie and which frames it has, in order.
 
     Attributes:

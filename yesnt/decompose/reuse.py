@@ -56,8 +56,8 @@ def propagate_keyframe(
     """Warps the estimate of a keyframe to an earlier frame.
 
     Args:
-        mean: [2, H, W] of the keyframe.
-        std: [2, H, W] of the keyframe.
+        mean: [2, H, W] of the keyframe; further planes are warped alike.
+        std: [2, H, W] of the keyframe; as many planes.
         links: flow from the earlier frame to the keyframe, in order of time; at least one.
         mattes: [H, W] bool, of every frame from the earlier one to the keyframe: one more than links.
         settings: thresholds of validity and confidence.
@@ -71,9 +71,9 @@ def propagate_keyframe(
         onward, inside = sample_next(np.concatenate([flow, validity[..., None]], axis=-1), link.flow, now, then)
         flow, validity = link.flow + onward[..., :2], link.validity * onward[..., 2] * inside
     planes, inside = sample_next(np.concatenate([mean, std]).transpose(1, 2, 0), flow, mattes[0], mattes[-1])
-    propagated = planes.transpose(2, 0, 1)
-    confident = confidence(propagated[2:], LARGEST_STD).min(axis=0) >= settings.reuse_confidence
-    return Prior(propagated[:2], propagated[2:], inside & confident & (validity >= settings.reuse_validity))
+    propagated, count = planes.transpose(2, 0, 1), len(mean)
+    confident = confidence(propagated[count:], LARGEST_STD).min(axis=0) >= settings.reuse_confidence
+    return Prior(propagated[:count], propagated[count:], inside & confident & (validity >= settings.reuse_validity))
 
 
 def combine(drawn: Prior, weight: Float32, prior: Prior, matte: Float32) -> Prior:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from yesnt.core.capture_input import CAMERA
 from yesnt.core.color_spaces import (
     INTEROP_OF,
     LIN_REC709,
@@ -22,6 +23,7 @@ from yesnt.core.color_spaces import (
 )
 from yesnt.core.errors import JobError
 from yesnt.core.shot import Job, PlateInput, Shot
+from yesnt.io.cameras import read_cameras
 from yesnt.io.color_config import convert, locate_config
 from yesnt.io.color_statements import PROBES, StatedSpaces, Statement
 from yesnt.io.jobfile import frame_path
@@ -30,7 +32,7 @@ from yesnt.io.pictures.passes import find_color
 
 Float64 = NDArray[np.float64]
 
-ROLES = ("plate", "background", "light", "capture_light")
+ROLES = ("plate", "background", "light", "capture_light", "capture")
 """Sections of the job file whose pictures have colours."""
 
 
@@ -45,7 +47,7 @@ def resolve_colors(shot: Shot, root: str, frames: Sequence[int]) -> tuple[Shot, 
 
 def first_statements(job: Job) -> dict[str, Statement]:
     """What the first frame's files say of their colours, by role."""
-    patterns, first = _patterns(job.shot), job.frames[0]
+    patterns, first = _patterns(job.shot, job.root), job.frames[0]
     return {role: _statement(frame_path(job.root, path, first), job.shot, role) for role, path in patterns.items()}
 
 
@@ -69,9 +71,14 @@ def _statement(path: Path, shot: Shot, role: str) -> Statement:
     return Statement.of(find_color(read_headers(path), spec, role).color[0].header)
 
 
-def _patterns(shot: Shot) -> Mapping[str, str]:
-    sections = {role: getattr(shot, role) for role in ROLES}
-    return {role: section.path for role, section in sections.items() if section is not None and section.path}
+def _patterns(shot: Shot, root: str) -> Mapping[str, str]:
+    """Patterns of the pictures by role; the first camera's speak for all cameras of the capture."""
+    sections = {role: getattr(shot, role) for role in ROLES if role != "capture"}
+    found = {role: section.path for role, section in sections.items() if section is not None and section.path}
+    if shot.captured is not None:
+        first = next(iter(read_cameras(frame_path(root, shot.captured.cameras, 0))))
+        found["capture"] = shot.captured.path.replace(CAMERA, first)
+    return found
 
 
 class _Resolver:
@@ -84,7 +91,7 @@ class _Resolver:
     def resolve(self) -> tuple[Shot, JobColors, tuple[str, ...]]:
         """See `resolve_colors`."""
         shot, color = self._shot, self._shot.color
-        spaces = {role: self._input_space(role, pattern) for role, pattern in _patterns(shot).items()}
+        spaces = {role: self._input_space(role, pattern) for role, pattern in _patterns(shot, self._root).items()}
         sections = {role: getattr(shot, role).model_copy(update={"colorspace": spaces[role]}) for role in spaces}
         output = self._output_space()
         inputs = {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -20,7 +20,7 @@ from yesnt.planning import settings as of
 from yesnt.planning.chunks import ChunkPlan
 from yesnt.planning.exchange import Exchange
 from yesnt.planning.keyed_settings import changed_keys
-from yesnt.planning.stages import CORRECT, DECOMPOSE, STAGES
+from yesnt.planning.stages import CORRECT, DECOMPOSE, EVIDENCE, STAGES, Stage
 from yesnt.planning.task_records import Gaps
 from yesnt.temporal.outliers import OUTLIER_HALO
 
@@ -40,6 +40,7 @@ class ShotPlan:
         absent: frames whose decomposition is dead: they are solved without data and not delivered.
         unlinked: frames whose flow is dead: the solver gets no link there.
         undelivered: frames whose relighting or chunk is dead.
+        views: frame -> cameras of the capture that measure it; empty if none do (capture/plan.py).
     """
 
     job: Job
@@ -49,6 +50,7 @@ class ShotPlan:
     absent: frozenset[int] = frozenset()
     unlinked: frozenset[int] = frozenset()
     undelivered: frozenset[int] = frozenset()
+    views: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
 
     @cached_property
     def present(self) -> tuple[int, ...]:
@@ -68,7 +70,22 @@ class ShotPlan:
     @property
     def observed(self) -> StageId:
         """The stage whose materials the temporal solve observes."""
-        return CORRECT if self.job.shot.corrected else DECOMPOSE
+        return CORRECT if self.job.shot.corrected else self.estimated
+
+    @property
+    def estimated(self) -> StageId:
+        """The stage whose materials are corrected, if the job corrects them."""
+        return EVIDENCE if self.views else DECOMPOSE
+
+    @cached_property
+    def evidence_keyframes(self) -> Mapping[int, int]:
+        """Frame that is not measured -> the later frame whose measured materials it takes along the flow."""
+        found = keyframes_taken(self.job.frames, self.job.shot.evidence.every, self.absent, self.unlinked)
+        return {frame: key for frame, key in found.items() if key in self.views}
+
+    def _runs(self, row: Stage) -> bool:
+        """Whether the job has tasks of an optional stage."""
+        return not row.optional or StageId(row.name) in {self.estimated, self.observed}
 
     @property
     def gaps(self) -> Gaps:
@@ -89,7 +106,7 @@ class ShotPlan:
     def arrays(self) -> dict[str, ArrayForm]:
         """Arrays of the store and the channel that each holds; for bands with their rows."""
         arrays: dict[str, ArrayForm] = {}
-        for row in (row for row in STAGES.values() if self.job.shot.corrected or not row.optional):
+        for row in filter(self._runs, STAGES.values()):
             lanes = self.lanes if row.in_lanes else (StageId(row.name),)
             arrays |= {stage.array(channel): channel for stage in lanes for channel in row.channels}
         return arrays | self.exchange.arrays()

@@ -100,6 +100,16 @@ _ROWS = (
         channels=("flow", "validity"),
     ),
     Stage(
+        "evidence", 1, "frame", "observed, spread, plate, G-buffer, proxy, pictures of the capture's cameras; or "
+        "a measured frame and the flow to it (only jobs with a capture)",
+        Cost(2.0, 200.0, 600, 600, 5), "#5aa7a7",
+        {
+            records.MeasureTask: "yesnt.tasks.evidence:measure_materials",
+            records.CarryEvidenceTask: "yesnt.tasks.evidence:carry_materials",
+        },
+        channels=("measured", "measured_spread", "views"), optional=True,
+    ),
+    Stage(
         "correct", 1, "frame", "observed, spread, plate, masks and passes of one quantity (only jobs that correct)",
         Cost(0.05, 1.0, 400, 120, 3), "#7f7f4f",
         {records.CorrectTask: "yesnt.tasks.correct:correct_materials"},
@@ -150,7 +160,7 @@ STAGES = {row.name: row for row in _ROWS}
 FORMER_ARRAYS = ("evaluations",)
 """Arrays of the store in outputs of older versions; a run removes them."""
 
-WINDOW, DECOMPOSE, FLOW, CORRECT, CONFIDENCE, SOLVE, RELIGHT, COMPOSITE, PREVIEW = map(StageId, STAGES)
+WINDOW, DECOMPOSE, FLOW, EVIDENCE, CORRECT, CONFIDENCE, SOLVE, RELIGHT, COMPOSITE, PREVIEW = map(StageId, STAGES)
 
 SEGMENT = StageId("preview", part="segment")
 """Segments of the preview video."""

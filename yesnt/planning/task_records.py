@@ -95,6 +95,28 @@ class CorrectTask(TaskRecord):
 
 
 @dataclass(frozen=True)
+class MeasureTask(TaskRecord):
+    """Measures the materials of one frame by the capture's cameras.
+
+    Attributes:
+        cameras: names of those that are used; none: the model's estimate stands.
+    """
+
+    cameras: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class CarryEvidenceTask(TaskRecord):
+    """Takes the measured materials of a later frame along the flow.
+
+    Attributes:
+        keyframe: that frame.
+    """
+
+    keyframe: int
+
+
+@dataclass(frozen=True)
 class ConfidenceTask(TaskRecord):
     """Data weights of the frames of a node.
 

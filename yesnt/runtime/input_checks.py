@@ -34,6 +34,7 @@ from yesnt.io.pictures.placed import check_fits
 from yesnt.io.pictures.shot_raster import shot_camera
 from yesnt.io.preview import has_video
 from yesnt.io.records import digest_of
+from yesnt.runtime.capture_checks import CaptureChecks
 from yesnt.runtime.consistency.coded import refuse_coded_alpha
 from yesnt.runtime.consistency.contradictions import contradictions
 from yesnt.runtime.correction_checks import CorrectionChecks, correction_facts, corrections_of
@@ -75,7 +76,7 @@ class InputChecks:
 
     def __init__(self, resolved: Resolved, progress: Progress = no_progress) -> None:
         self._job, self._digests, self._progress = resolved.job, resolved.digests, progress
-        self._notes = resolved.notes
+        self._notes, self._capture = resolved.notes, resolved.capture
         self.facts = FactCache(OutputFolder.of(self._job).run / "facts.json")
         self._keys: dict[int, str] = {}
 
@@ -103,6 +104,7 @@ class InputChecks:
         """
         counts, corrections = Counter[str](), CorrectionChecks(self._job)
         try:
+            self._check_capture()
             for done, found in enumerate(parallel_map(self._frame, self._job.frames, READERS), 1):
                 counts += Counter(found["counts"])
                 corrections.add(found.get("corrections"))
@@ -225,6 +227,15 @@ class InputChecks:
     @cached_property
     def _camera(self) -> Camera:
         return shot_camera(self._job)
+
+    def _check_capture(self) -> None:
+        """Looks at the pictures of the cameras that measure the materials."""
+        if not self._capture.views:
+            return
+        checks = CaptureChecks(self._job, self._capture, self._statements["capture"])
+        for done, (frame, depends) in enumerate(checks.depends(self._digests), 1):
+            self.facts.fetch(digest_of(depends | {"code": code_digest()}), partial(checks.check, frame))
+            self._progress("Checking the capture", done, len(self._capture.views))
 
     def _maps(self) -> Iterable[str]:
         """Decodes every map of both lights once."""

@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from yesnt.capture.plan import CapturePlan, plan_capture
 from yesnt.core.camera import Camera
 from yesnt.core.errors import JobError
 from yesnt.core.job_progress import Progress, no_progress
@@ -39,6 +40,7 @@ class Resolved:
         digests: path -> digest of the file's bytes, for every input.
         backend: what decomposes; None if passes are read.
         notes: what was taken from the files because the job does not say it.
+        capture: cameras that measure the materials.
         memory: of the files' digests, to be saved once the output folder may be written to.
         plate_headers: memory of the plates' headers, to be saved with it.
     """
@@ -47,6 +49,7 @@ class Resolved:
     digests: dict[str, str]
     backend: BackendIdentity | None
     notes: tuple[str, ...]
+    capture: CapturePlan
     memory: FileDigests = field(compare=False, repr=False)
     plate_headers: FactCache = field(compare=False, repr=False)
 
@@ -88,7 +91,8 @@ def resolve(path: str | Path, accept_license: tuple[str, ...] = (), progress: Pr
         weights = of.weights_path(root, shot)
         backend = identify_backend(chosen.backend, weights, chosen.accept_license, of.backend_knobs(shot))
     memory = FileDigests(OutputFolder.of(job).run / "file_digests.json")
-    paths = dict.fromkeys(_input_files(job))
+    capture = plan_capture(job, camera)
+    paths = dict.fromkeys((*_input_files(job), *capture.files(job)))
     digests = memory.of(paths, lambda done, total: progress("Hashing files", done, total))
     memory.save()
     shot, colors, notes = resolve_colors(shot, root, frames)
@@ -96,7 +100,7 @@ def resolve(path: str | Path, accept_license: tuple[str, ...] = (), progress: Pr
     headers = FactCache(OutputFolder.of(job).run / "plate_headers.json")
     job = _with_raster(job, digests, camera, headers)
     headers.save()
-    return Resolved(job, digests, backend, notes, memory, headers)
+    return Resolved(job, digests, backend, (*notes, *capture.notes), capture, memory, headers)
 
 
 def _with_raster(job: Job, digests: Mapping[str, str], camera: Camera, headers: FactCache) -> Job:

@@ -127,10 +127,15 @@ class Session:
         """Frames without decomposition, without flow, and without delivery."""
         missing = missing or Missing(self.marked_dead())
         undelivered = missing.frames("confidence", "solve", "relight", "composite")
-        return missing.frames("decompose", "window", "correct"), missing.frames("flow"), undelivered
+        return missing.frames("decompose", "window", "evidence", "correct"), missing.frames("flow"), undelivered
 
     def _make_plan(self, *lost: frozenset[int]) -> ShotPlan:
-        return ShotPlan(self.job, self.resolved.digests, self.resolved.backend, self.chunks, *lost)
+        resolved = self.resolved
+        absent, unlinked, undelivered = lost
+        return ShotPlan(
+            self.job, resolved.digests, resolved.backend, self.chunks, absent, unlinked, undelivered,
+            resolved.capture.views,
+        )  # fmt: skip
 
     def targets(self, graph: Graph, options: RunOptions) -> list[NodeId]:
         """The nodes that a run is asked for.

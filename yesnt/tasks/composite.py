@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.core.channels import CHANNELS, DELIVERED, ON_REQUEST
+from yesnt.core.channels import CHANNELS, DELIVERED, MEASURED, ON_REQUEST
 from yesnt.core.shot import Job
 from yesnt.io import shot_inputs
 from yesnt.io.color_config import convert
 from yesnt.io.exr import window_attributes, write_exr
 from yesnt.io.file_digests import file_digest
-from yesnt.planning.stages import RELIGHT, SOLVE
+from yesnt.planning.stages import EVIDENCE, RELIGHT, SOLVE
 from yesnt.planning.task_records import CompositeTask
 from yesnt.tasks.light import LightFiles, backdrop
-from yesnt.tasks.observations import spread
+from yesnt.tasks.observations import measured, spread
 from yesnt.tasks.workspace import Workspace
 
 Float32 = NDArray[np.float32]
@@ -52,6 +52,7 @@ def composite(space: Workspace[CompositeTask]) -> None:
             "normal": _unit(surface.normal).transpose(2, 0, 1),
             "z": surface.z[None],
         }
+        planes |= {name: space.read(EVIDENCE, name, frame) for name in MEASURED if measured(space)}
         planes |= {name: space.read(RELIGHT, name, frame) for name in _requested(job)}
         delivered, above = _exr_planes({name: _delivered_color(job, name, plane) for name, plane in planes.items()})
     path = space.output.exr_path(job.shot.name, frame)
@@ -86,7 +87,7 @@ def _exr_planes(planes: dict[str, Float32]) -> tuple[dict[str, NDArray[np.floati
     """Planes under their EXR names and pixel types, in the registry's order; how many values half cannot hold."""
     out: dict[str, NDArray[np.floating]] = {}
     above = 0
-    for name in (name for name in (*DELIVERED, *ON_REQUEST) if name in planes):
+    for name in (name for name in (*DELIVERED, *MEASURED, *ON_REQUEST) if name in planes):
         channel = CHANNELS[name]
         for exr_name, plane in zip(channel.exr, planes[name], strict=True):
             if channel.exr_pixel == "float":

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from yesnt.planning.stages import DECOMPOSE
 from yesnt.planning.task_records import CorrectTask
+from yesnt.tasks.observations import estimate
 from yesnt.tasks.workspace import Workspace
 
 
@@ -13,7 +13,7 @@ def correct_materials(space: Workspace[CorrectTask]) -> None:
 
     frame = space.frame
     matte = space.plate(frame).matte
-    mean, spread = (space.read(DECOMPOSE, name, frame) for name in ("observed", "spread"))
+    mean, spread = estimate(space, frame)
     overrides, facts = space.inputs.overrides(matte)
     with space.kernel():
         found = correct(mean, spread, overrides)

@@ -23,7 +23,7 @@ from yesnt.io.jobfile import correction_patterns, frame_path, pass_files
 from yesnt.io.pictures.shot_raster import for_raster
 from yesnt.io.records import RecordBook
 from yesnt.planning.graph import Node
-from yesnt.planning.stages import CORRECT, DECOMPOSE, FLOW, RELIGHT
+from yesnt.planning.stages import CORRECT, DECOMPOSE, EVIDENCE, FLOW, RELIGHT
 
 if TYPE_CHECKING:
     import numpy as np
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-_READERS_OF_INPUTS = (RELIGHT, CORRECT, DECOMPOSE, FLOW)
+_READERS_OF_INPUTS = (RELIGHT, CORRECT, EVIDENCE, DECOMPOSE, FLOW)
 """Stages whose records name plates, G-buffers and cameras; a later stage looks their digests up there."""
 
 

@@ -56,7 +56,7 @@ class EvidenceSettings:
     least_views: int = 2
     radius: int = 10
     window: float = 5.0
-    chroma: float = 0.2
+    chroma: float = 0.1
     pattern: float = 0.6
     intensity: float = 0.67
     turn: float = 0.5

@@ -9,7 +9,7 @@ from yesnt.planning.builders.assemble import frame_keys, frame_node, node_fields
 from yesnt.planning.graph import Graph, Node
 from yesnt.planning.keyed_settings import changed_fields, changed_keys, shared
 from yesnt.planning.shot_plan import ShotPlan
-from yesnt.planning.stages import COMPOSITE, RELIGHT
+from yesnt.planning.stages import COMPOSITE, EVIDENCE, RELIGHT
 from yesnt.planning.task_records import CompositeTask
 
 
@@ -25,12 +25,13 @@ def composite_nodes(plan: ShotPlan, graph: Graph) -> Iterator[Node]:
         space=changed_fields(plan.job.colors.output_space),
         **_header(plan),
     )
+    stages = (RELIGHT, plan.observed, *((EVIDENCE,) if plan.views and plan.observed != EVIDENCE else ()))
     for frame in plan.delivered:
         inputs = plan.inputs(frame, **_backdrop(plan))
-        upstream = frame_keys(graph, frame, [RELIGHT, plan.observed])
+        upstream = frame_keys(graph, frame, stages)
         fields = node_fields(plan, COMPOSITE, settings, upstream, inputs=inputs)
         task = CompositeTask(plan.job_digest)
-        needs = [graph.committer(stage, frame) for stage in (RELIGHT, plan.observed)]
+        needs = [graph.committer(stage, frame) for stage in stages]
         yield frame_node(plan, COMPOSITE, frame, fields, task, needs)
 
 

@@ -10,7 +10,7 @@ from yesnt.planning.builders.assemble import frame_node, node_fields, node_keys
 from yesnt.planning.graph import Graph, Node
 from yesnt.planning.keyed_settings import changed_keys, shared
 from yesnt.planning.shot_plan import ShotPlan
-from yesnt.planning.stages import CORRECT, DECOMPOSE
+from yesnt.planning.stages import CORRECT
 from yesnt.planning.task_records import CorrectTask
 
 
@@ -21,10 +21,10 @@ def correct_nodes(plan: ShotPlan, graph: Graph) -> Iterator[Node]:
         return
     settings = _settings(plan)
     for frame in plan.present:
-        decomposed = graph.committer(DECOMPOSE, frame)
+        estimated = graph.committer(plan.estimated, frame)
         inputs = plan.plate_inputs(frame) | plan.inputs(frame, **correction_patterns(shot))
-        fields = node_fields(plan, CORRECT, settings, node_keys([decomposed]), inputs=inputs)
-        yield frame_node(plan, CORRECT, frame, fields, CorrectTask(), [decomposed])
+        fields = node_fields(plan, CORRECT, settings, node_keys([estimated]), inputs=inputs)
+        yield frame_node(plan, CORRECT, frame, fields, CorrectTask(), [estimated])
 
 
 def _settings(plan: ShotPlan) -> SharedSettings:

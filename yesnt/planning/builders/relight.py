@@ -18,7 +18,7 @@ from yesnt.planning.task_records import RelightTask
 
 def relight_nodes(plan: ShotPlan, graph: Graph) -> Iterator[Node]:
     """Every frame with the capture light divided out and the new light applied."""
-    settings, probes = _SettingsByFrame(plan), _probe_inputs(plan)
+    settings, probes = _SettingsByFrame(plan), probe_inputs(plan)
     for frame in plan.delivered:
         inputs = _frame_inputs(plan, frame) | probes
         fields = node_fields(plan, RELIGHT, settings.of(frame), frame_keys(graph, frame, [SOLVE]), inputs=inputs)
@@ -59,7 +59,7 @@ def _frame_inputs(plan: ShotPlan, frame: int) -> dict[str, str]:
     )  # fmt: skip
 
 
-def _probe_inputs(plan: ShotPlan) -> dict[str, str]:
+def probe_inputs(plan: ShotPlan) -> dict[str, str]:
     """Files of the frames that the capture light is estimated from; none if it is given."""
     shot, found = plan.job.shot, dict[str, str]()
     if shot.capture_light is not None and shot.capture_light.estimate:

@@ -1,0 +1,187 @@
+"""A job with a capture from its file to the delivered EXR, in the test's own process."""
+
+import numpy as np
+import pytest
+
+from tests.capture.capture_shot import SIZE, pictures_of, truth, write_cameras, write_capture_shot, write_view
+from tests.in_process import run_here, shard_digests
+from yesnt.core.errors import JobError
+from yesnt.io.exr import write_exr
+from yesnt.io.pictures.image import read_image
+from yesnt.planning.stages import EVIDENCE
+from yesnt.runtime.input_checks import inspect
+from yesnt.runtime.preflight import resolve
+from yesnt.runtime.session import Session
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A shot of three frames, every second one measured, run to the end."""
+    path = write_capture_shot(tmp_path_factory.mktemp("captured"), evidence={"every": 2})
+    for camera in range(5):  # between measured frames no picture is read
+        (path.parent / f"capture/c{camera:02d}/plate.1002.exr").unlink()
+    return run_here(path, "composite")
+
+
+def delivered(session, frame):
+    return read_image(session.output.exr_path("captured", frame)).channels
+
+
+def test_materials_are_measured_and_the_number_of_cameras_is_delivered(finished) -> None:
+    painted, inside = truth()
+    planes = delivered(finished, 1001)
+    for i, name in enumerate(("roughness", "metallic")):
+        found = np.sqrt(np.square(planes[f"{name}.Y"][inside] - painted[i][inside]).mean())
+        guess = np.sqrt(np.square((0.5, 0.3)[i] - painted[i][inside]).mean())
+        assert found < 0.85 * guess, name
+    views = planes["views.Y"]
+    assert views[inside].max() <= 6
+    assert views[inside].mean() > 2
+    assert not views[~inside].any()
+    assert np.array_equal(views, np.rint(views))
+
+
+def test_frames_between_take_the_result_along_the_flow(finished) -> None:
+    measured, carried = (finished.book.find(EVIDENCE, frame).fields["inputs"] for frame in (1003, 1002))
+    assert any(role.startswith("view ") for role in measured)
+    assert not any(role.startswith("view ") for role in carried)
+    inside = truth()[1]
+    a, b = delivered(finished, 1002), delivered(finished, 1003)
+    assert np.abs(a["metallic.Y"] - b["metallic.Y"])[inside].mean() < 0.05, "the subject is at rest"
+    assert a["views.Y"][inside].mean() > 1.5
+
+
+def test_the_record_says_which_cameras_agree(finished) -> None:
+    facts = finished.book.find(EVIDENCE, 1001).facts
+    assert facts["left_out"] == {}
+    assert set(facts["gains"]) <= {"plate", *(f"c{i:02d}" for i in range(5))}
+    assert facts["views"] > 2
+
+
+def test_the_same_job_gives_the_same_bytes_in_any_order(finished, tmp_path) -> None:
+    path = write_capture_shot(tmp_path, evidence={"every": 2})
+    again = run_here(path, "evidence", order=5)
+    arrays = ("measured", "measured_spread", "views")
+    assert shard_digests(again, *arrays) == shard_digests(finished, *arrays)
+
+
+def calibration():
+    return {f"c{i:02d}": view[0] for i, view in enumerate(pictures_of(5)[1:])}
+
+
+def keys(path, stage="evidence"):
+    return {node.frames[0]: node.key for node in Session(path).graph() if node.stage.name == stage}
+
+
+def test_without_a_capture_nothing_changes(tmp_path) -> None:
+    with_capture = write_capture_shot(tmp_path / "a")
+    off = write_capture_shot(tmp_path / "b", evidence={"use": False})
+    bare = write_capture_shot(tmp_path / "c", capture=None)
+    assert keys(with_capture)
+    for path in (off, bare):
+        assert not keys(path)
+        assert "measured" not in Session(path).plan().arrays()
+    assert keys(off, "solve") == keys(bare, "solve") != keys(with_capture, "solve")
+    assert keys(off, "composite") != {}, "a job file that names a capture is another job, but no other work"
+    assert keys(off, "relight") == keys(bare, "relight")
+
+
+def test_keys_followpictures_of_cameras_and_the_capture_light(tmp_path) -> None:
+    path = write_capture_shot(tmp_path)
+    before = keys(path)
+    write_exr(tmp_path / "light.exr", {c: np.full((4, 8), 2.0, np.float32) for c in "RGB"})
+    assert keys(path) == before, "the new light does not change what the cameras saw"
+    _, color, matte, *_ = pictures_of(5)[1]
+    write_view(tmp_path, "c00", 1002, 0.9 * color, matte)
+    after = keys(path)
+    assert [frame for frame in before if before[frame] != after[frame]] == [1002]
+    write_cameras(
+        tmp_path, {f"c{i:02d}": view[0] for i, view in enumerate(pictures_of(5)[1:])}, c01={"gain": [1, 1, 1.1]}
+    )
+    assert all(keys(path)[frame] != after[frame] for frame in after)
+
+
+def test_auto_needs_four_cameras_and_says_so(tmp_path) -> None:
+    path = write_capture_shot(tmp_path, cameras=3)
+    assert not keys(path)
+    assert any("since 3 of 3 cameras see the subject and 4 are needed" in line for line in inspect(resolve(path)))
+    assert keys(write_capture_shot(tmp_path, cameras=3, evidence={"use": True}))
+    few = resolve(write_capture_shot(tmp_path, cameras=5, evidence={"cameras": 4}))
+    assert "capture: 4 of 5 cameras measure the materials of a frame" in few.notes
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"capture": None, "evidence": {"every": 2}}, "`capture`, which is absent"),
+        ({"proxy": None}, "`capture` needs `proxy`"),
+        ({"capture": {"cameras": "cameras.json", "images": "capture/plate.####.exr"}}, "capture.images"),
+        ({"evidence": {"time": True}}, "Unknown key 'evidence.time'"),
+        ({"evidence": {"use": "yes"}}, "'evidence.use"),
+    ],
+)
+def test_a_job_that_contradicts_itself_is_refused(tmp_path, changes, expected) -> None:
+    with pytest.raises(JobError, match=expected):
+        resolve(write_capture_shot(tmp_path, **changes))
+
+
+def broken(tmp_path, damage):
+    """The error of a shot after `damage(folder)`."""
+    path = write_capture_shot(tmp_path)
+    damage(tmp_path)
+    with pytest.raises(JobError) as error:
+        inspect(resolve(path))
+    return str(error.value)
+
+
+def test_a_missing_picture_is_named(tmp_path) -> None:
+    said = broken(tmp_path, lambda folder: (folder / "capture/c02/plate.1002.exr").unlink())
+    assert "capture/c02/plate.1002.exr" in said
+
+
+def test_a_picture_of_another_size_names_its_camera(tmp_path) -> None:
+    small = np.zeros((8, 8, 3), np.float32), np.ones((8, 8), np.float32)
+    said = broken(tmp_path, lambda folder: write_view(folder, "c01", 1003, *small))
+    assert "The picture of camera c01 is 8x8" in said
+    assert f"{SIZE}x{SIZE}, as the calibration says" in said
+
+
+def testpictures_of_without_a_matte_are_refused(tmp_path) -> None:
+    planes = {c: np.zeros((SIZE, SIZE), np.float32) for c in "RGB"}
+    said = broken(tmp_path, lambda folder: write_exr(folder / "capture/c01/plate.1001.exr", planes))
+    assert "The pictures of camera c01 have no alpha, and `capture` names no mattes" in said
+
+
+def test_a_capture_that_does_not_see_the_subject_is_refused(tmp_path) -> None:
+    from tests.decompose.evidence.scenes import FRAME
+
+    def away(folder):
+        views = calibration()
+        moved = {n: {"world_from_camera": _moved(c.poses[FRAME])} for n, c in views.items()}
+        write_cameras(folder, views, **moved)
+
+    said = broken(tmp_path, away)
+    assert "No camera of the capture sees the subject in frame 1001" in said
+    assert "check `axes` and `units` of the cameras" in said
+
+
+def _moved(pose):
+    """The same pose in millimetres that are read as metres."""
+    far = pose.copy()
+    far[:3, 3] *= -1000
+    return far.ravel().tolist()
+
+
+def test_mattes_may_have_files_of_their_own(tmp_path) -> None:
+    capture = {
+        "cameras": "cameras.json", "images": "capture/{camera}/plate.####.exr",
+        "mattes": "capture/{camera}/matte.####.exr",
+    }  # fmt: skip
+    path = write_capture_shot(tmp_path, frames=1, capture=capture)
+    for i, (_, color, matte, *_) in enumerate(pictures_of(5)[1:]):
+        folder = tmp_path / f"capture/c{i:02d}"
+        write_exr(folder / "matte.1001.exr", {"Y": matte.astype(np.float32)})
+        planes = {c: np.ascontiguousarray(color[..., k] + 0.3 * (1 - matte)) for k, c in enumerate("RGB")}
+        write_exr(folder / "plate.1001.exr", planes)
+    session = run_here(path, "evidence")
+    assert session.book.find(EVIDENCE, 1001).facts["left_out"] == {}

@@ -1,0 +1,1 @@
+"""The capture: its calibrated cameras, which of them measure a frame, and their pictures."""

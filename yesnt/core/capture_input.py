@@ -1,0 +1,65 @@
+"""Sections of the job file about the capture's cameras (docs/evidence.md)."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field
+
+from yesnt.core.color_spaces import LIN_REC709
+from yesnt.core.job_part import Colorspace, Part
+
+CAMERA = "{camera}"
+"""What stands for the name of a camera in a pattern."""
+
+
+def _per_camera(pattern: str) -> str:
+    if CAMERA not in pattern:
+        raise ValueError(f"it needs {CAMERA}, which stands for the camera's name")
+    return pattern
+
+
+CameraPattern = Annotated[str, AfterValidator(_per_camera)]
+
+
+class CaptureCameras(Part):
+    """The calibrated cameras of the capture: a `cameras.json`, and the pictures of each.
+
+    `{camera}` stands for the camera's name. Without `mattes` the pictures' alpha is the matte.
+    """
+
+    cameras: str
+    images: CameraPattern
+    mattes: CameraPattern | None = None
+    colorspace: Colorspace = LIN_REC709
+
+    @property
+    def path(self) -> str:
+        """Pattern of the pictures."""
+        return self.images
+
+
+class EvidenceInput(Part):
+    """Whether and how the capture's cameras measure the materials.
+
+    `use: auto` measures where at least four cameras see the subject. `cameras` is the largest number of cameras of a
+    frame; every `every`-th frame is measured, and the others take the result along the flow.
+    """
+
+    use: Literal["auto", True, False] = "auto"
+    cameras: Annotated[int, Field(ge=1, le=256)] = 12
+    every: Annotated[int, Field(ge=1, le=4096)] = 1
+
+
+def refuse_unmeasurable(capture: CaptureCameras | None, evidence: EvidenceInput, has_proxy: bool) -> None:
+    """Refuses sections that do not go together.
+
+    Raises:
+        ValueError: `evidence` without `capture`, or `capture` without a proxy.
+    """
+    if evidence.use is False:
+        return
+    if capture is None and evidence != EvidenceInput():
+        raise ValueError("`evidence` measures by the cameras of `capture`, which is absent")
+    if capture is not None and not has_proxy:
+        raise ValueError("`capture` needs `proxy`, which tells what a camera sees; or set evidence.use: false")

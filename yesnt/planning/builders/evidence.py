@@ -1,0 +1,81 @@
+"""Nodes of the evidence: materials measured by the capture's cameras; none for a job without a capture."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from yesnt.capture.pictures import picture_patterns
+from yesnt.core.shot import Shot
+from yesnt.decompose.evidence.settings import EvidenceSettings
+from yesnt.io.records import SharedSettings
+from yesnt.planning import settings as of
+from yesnt.planning.builders.assemble import frame_node, node_fields, node_keys
+from yesnt.planning.builders.relight import probe_inputs
+from yesnt.planning.graph import Graph, Node
+from yesnt.planning.keyed_settings import changed_fields, changed_keys, shared
+from yesnt.planning.shot_plan import ShotPlan
+from yesnt.planning.stages import DECOMPOSE, EVIDENCE, FLOW
+from yesnt.planning.task_records import CarryEvidenceTask, MeasureTask
+
+READS = (
+    "brdf", "diffuse", "capture_texels", "capture_clusters", "rows", "detail", "rays", "error", "offset",
+)  # fmt: skip
+"""Settings of relighting that the responses of the capture light depend on."""
+
+
+def evidence_nodes(plan: ShotPlan, graph: Graph) -> Iterator[Node]:
+    """Frames that are measured, then those that take the result of a later one along the flow."""
+    if not plan.views:
+        return
+    carried = {f: key for f, key in plan.evidence_keyframes.items() if f in plan.present}
+    yield from (_measured_node(plan, graph, frame) for frame in plan.present if frame not in carried)
+    yield from (_carried_node(plan, graph, frame, keyframe) for frame, keyframe in carried.items())
+
+
+def _measured_node(plan: ShotPlan, graph: Graph, frame: int) -> Node:
+    """One frame with its cameras; a frame that its keyframe cannot reach has none and keeps the model's estimate."""
+    shot, names = plan.job.shot, plan.views.get(frame, ())
+    assert shot.captured is not None
+    inputs = plan.plate_inputs(frame) | plan.inputs(
+        frame, gbuffer=shot.gbuffer.path, proxy=shot.proxy.path if shot.proxy else None, camera=shot.camera,
+        capture=shot.capture_light.path if shot.capture_light else None, cameras=shot.captured.cameras,
+    )  # fmt: skip
+    for name in names:
+        found = plan.inputs(frame, **picture_patterns(shot.captured, name))
+        inputs |= {f"{role} {name}": digest for role, digest in found.items()}
+    decomposed = graph.committer(DECOMPOSE, frame)
+    fields = node_fields(
+        plan, EVIDENCE, _settings(plan, frame), node_keys([decomposed]), inputs=inputs | probe_inputs(plan)
+    )
+    return frame_node(plan, EVIDENCE, frame, fields, MeasureTask(names), [decomposed])
+
+
+def _settings(plan: ShotPlan, frame: int) -> SharedSettings:
+    shot, colors = plan.job.shot, plan.job.colors
+    capture = shot.capture_light.at(frame) if shot.capture_light else None
+    assert shot.captured is not None
+    return shared(
+        evidence=changed_fields(EvidenceSettings()),
+        relight=_read(shot),
+        capture=changed_keys(capture, {"path"}) if capture else None,
+        pictures=changed_keys(shot.captured, {"cameras", "images", "mattes"}),
+        gbuffer=changed_keys(shot.gbuffer, {"path"}),
+        **plan.plate_settings | {"color": colors.digests("plate_working", "capture_light", "capture")},
+        working=changed_keys(shot.color, {"config", "output", "view"}),
+    )
+
+
+def _read(shot: Shot) -> dict[str, Any]:
+    return {name: value for name, value in changed_fields(of.relight_settings(shot)).items() if name in READS}
+
+
+def _carried_node(plan: ShotPlan, graph: Graph, frame: int, keyframe: int) -> Node:
+    """A frame between: the keyframe's materials along the flow, its own where the flow does not reach."""
+    job = plan.job
+    way = job.frames[job.position(frame) : job.position(keyframe)]
+    needs = [graph.committer(DECOMPOSE, frame), graph.committer(EVIDENCE, keyframe)]
+    needs += [graph.committer(FLOW, one) for one in way]
+    settings = shared(**plan.plate_settings)
+    fields = node_fields(plan, EVIDENCE, settings, node_keys(needs), inputs=plan.plate_inputs(frame))
+    return frame_node(plan, EVIDENCE, frame, fields, CarryEvidenceTask(keyframe), needs)

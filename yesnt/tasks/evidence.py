@@ -1,0 +1,102 @@
+"""Tasks of the evidence: one frame measured by the capture's cameras, or taken from another along the flow."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yesnt.capture.pictures import picture_patterns, read_view
+from yesnt.decompose.evidence.records import FrameEvidence, View
+from yesnt.decompose.evidence.settings import EvidenceSettings
+from yesnt.decompose.reuse import Link, propagate_keyframe
+from yesnt.io.cameras import CalibratedCamera, read_cameras
+from yesnt.io.jobfile import frame_path
+from yesnt.planning import settings as of
+from yesnt.planning.stages import DECOMPOSE, EVIDENCE, FLOW
+from yesnt.planning.task_records import CarryEvidenceTask, MeasureTask
+from yesnt.tasks.inputs import prove_input, read_checked
+from yesnt.tasks.light import LightFiles, captured_light
+from yesnt.tasks.workspace import Workspace
+
+F32 = NDArray[np.float32]
+
+
+def measure_materials(space: Workspace[MeasureTask]) -> None:
+    """Commits the materials of a frame as its cameras measure them, and the number of cameras of each pixel."""
+    from yesnt.decompose.evidence.frame import EvidenceInputs, measure_frame
+    from yesnt.relight import ProxyScene
+    from yesnt.tasks import relight_inputs
+
+    job, frame, camera = space.job, space.frame, space.camera()
+    mean, spread = (space.read(DECOMPOSE, name, frame) for name in ("observed", "spread"))
+    if not space.task.cameras:
+        _commit(space, FrameEvidence(mean, spread, np.zeros(mean.shape[1:], np.float32), {}, {}))
+        return
+    plate, seen = space.plate(frame, working=True), space.surface(frame, camera)
+    views, mesh = _views(space), space.inputs.proxy()
+    settings = of.relight_settings(job.shot)
+    with space.kernel():
+        proxy = relight_inputs.proxy_scene(mesh, ProxyScene)
+        assert proxy is not None, "the job file's check"
+        surface = relight_inputs.RelightInputs(plate, seen, camera, frame, proxy).surface(mean)
+        light = captured_light(LightFiles(job, frame, space.node.inputs), surface, settings)
+        inputs = EvidenceInputs(plate.color, surface, spread, views, proxy, light)
+        found = measure_frame(inputs, settings, EvidenceSettings())
+    _commit(space, found)
+
+
+def _commit(space: Workspace[MeasureTask], found: FrameEvidence) -> None:
+    channels = {"measured": found.mean, "measured_spread": found.std, "views": found.views[None]}
+    matte = space.matte(space.frame)
+    shown = float(found.views[matte].mean()) if matte.any() else 0.0
+    facts = {"left_out": found.left_out, "gains": found.gains, "views": shown}
+    space.commit(space.frame, channels, facts=facts)
+
+
+def _views(space: Workspace[MeasureTask]) -> list[View]:
+    """Pictures of the task's cameras, each proved to be the file that the node's key names."""
+    job, frame, known = space.job, space.frame, space.node.inputs
+    capture = job.shot.captured
+    assert capture is not None
+    calibrated = _cameras(frame_path(job.root, capture.cameras, 0), known["cameras"])
+    views = []
+    with space.clock.reading_time():
+        for name in space.task.cameras:
+            views.append(read_view(job, name, calibrated[name], frame))
+            for role, pattern in picture_patterns(capture, name).items():
+                prove_input(frame_path(job.root, pattern, frame), known[f"{role} {name}"])
+    return views
+
+
+@lru_cache(maxsize=2)
+def _cameras(path: Path, digest: str) -> Mapping[str, CalibratedCamera]:
+    return read_checked(path, digest, lambda: read_cameras(path))
+
+
+def carry_materials(space: Workspace[CarryEvidenceTask]) -> None:
+    """Commits a later frame's measured materials along the flow; where that does not reach, the frame's own estimate.
+
+    What is carried was measured, so it is never less certain than the model: its spread stays.
+    """
+    job, frame, keyframe = space.job, space.frame, space.task.keyframe
+    way = job.frames[job.position(frame) : job.position(keyframe)]
+    links = [Link(space.read(FLOW, "flow", f).transpose(1, 2, 0), space.read(FLOW, "validity", f)[0]) for f in way]
+    mattes = [space.matte(f) for f in (*way, keyframe)]
+    own = [space.read(DECOMPOSE, name, frame) for name in ("observed", "spread")]
+    mean, spread, views = (space.read(EVIDENCE, name, keyframe) for name in ("measured", "measured_spread", "views"))
+    with space.kernel():
+        planes = np.concatenate([mean, views]), np.concatenate([spread, np.zeros_like(views)])
+        carried = propagate_keyframe(*planes, links, mattes, of.ensemble_settings(job.shot))
+        count = np.where(carried.known, np.rint(carried.mean[2]), 0)
+        known = count >= EvidenceSettings().least_views
+        channels = {
+            "measured": np.where(known, carried.mean[:2], own[0]),
+            "measured_spread": np.where(known, carried.std[:2], own[1]),
+            "views": np.where(known, count, 0)[None].astype(np.float32),
+        }
+    matte = mattes[0]
+    space.commit(frame, channels, facts={"views": float(channels["views"][0][matte].mean()) if matte.any() else 0.0})

@@ -170,7 +170,12 @@ def test_the_channel_of_a_mask_is_found_where_it_is_obvious(tmp_path: Path, plan
     ("planes", "entry", "refusal"),
     [
         ({"belt": LEFT, "cap": LEFT}, {}, "The matte's file has several channels"),
-        ({"R": LEFT, "G": LEFT, "B": LEFT * 0}, {}, "The mask's red, green and blue differ"),
+        (
+            {"R": LEFT, "G": LEFT, "B": LEFT, "A": LEFT * 0 + 1},
+            {},
+            "The alpha of the mask is 1 everywhere, and its colour",
+        ),
+        ({"R": LEFT, "G": LEFT, "B": LEFT * 0}, {}, "The red, green and blue of the mask differ"),
         ({"belt": LEFT, "cap": LEFT}, {"channel": "bel"}, "did you mean belt"),
         ({"Y": LEFT * 255}, {}, "The mask goes up to 255"),
         ({"Y": np.where(SEEN.hit, np.nan, 0).astype(np.float32)}, {}, "inside the matte are NaN or Inf in Y"),

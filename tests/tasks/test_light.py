@@ -18,6 +18,7 @@ from yesnt.io.exr import write_exr
 from yesnt.io.pictures.image import read_image
 from yesnt.relight import EnvMap, GBuffer, shade
 from yesnt.relight.envmap import direction_to_uv, uv_to_direction
+from yesnt.runtime.input_checks import InputChecks
 from yesnt.runtime.session import Session
 
 ROWS = 16
@@ -115,6 +116,16 @@ def test_an_animated_exposure_is_that_of_the_frame(tmp_path: Path) -> None:
         found, wanted = (delivered(folder / str(i), maps, frame, light=k) for i, k in enumerate((moving, still)))
         for name in ("relit", "composite"):
             np.testing.assert_array_equal(found[name], wanted[name])
+
+
+@pytest.mark.parametrize(
+    ("keys", "warned"), [({1: 0, 25: 3}, True), ({1: 3, 25: 3}, False), ({900: 0, 1002: 1}, False)]
+)
+def test_keys_that_the_shot_never_meets_are_reported(tmp_path: Path, keys: dict[int, float], warned: bool) -> None:
+    light = {"path": "light.exr", "exposure": keys}
+    warnings = InputChecks(Session(write_tiny_shot(tmp_path, 2, (20, 16), light=light)).resolved).form()
+    told = "light.exposure: its keys are at frames 1,25, and the shot is 1001-1002: it is 3.0 throughout"
+    assert (told in warnings) == warned == any(w.startswith("light.") for w in warnings)
 
 
 @pytest.mark.parametrize("convention", ["opengl", "mitsuba"])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -94,11 +94,17 @@ def _vector(values: F64) -> str:
 
 def _warnings(camera: Camera, frames: list[int]) -> Iterable[str]:
     lens = camera.lens(frames[0])
+    if abs(lens.fy / lens.fx - 1) > _SQUARE:
+        yield f"fy is {lens.fy / lens.fx:.4g} times fx: right only for pictures of that pixel aspect ratio"
+    yield from oddities(camera, frames)
+
+
+def oddities(camera: Camera, frames: Sequence[int]) -> Iterable[str]:
+    """What is unusual of a camera, whatever its pictures are."""
+    lens = camera.lens(frames[0])
     off = max(abs(lens.cx / camera.width - 0.5), abs(lens.cy / camera.height - 0.5))
     if off > _OFF_CENTRE:
         yield f"the principal point lies {off:.0%} of the picture beside its middle; cx, cy count from the upper left"
-    if abs(lens.fy / lens.fx - 1) > _SQUARE:
-        yield f"fy is {lens.fy / lens.fx:.4g} times fx: right only for pictures of that pixel aspect ratio"
     angle = _angle(lens.fx, camera.width)
     if not _ANGLES[0] < angle < _ANGLES[1]:
         yield f"the field of view is {angle:.3g} degrees: fx must be in pixels"

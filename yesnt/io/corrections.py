@@ -12,11 +12,10 @@ from yesnt.core.errors import JobError
 from yesnt.core.shot import MATERIAL, Job, MaterialInput
 from yesnt.decompose.corrections import Override, share_of_subject
 from yesnt.io.jobfile import frame_path
+from yesnt.io.pictures.coverage import read_coverage
 from yesnt.io.pictures.cryptomattes import read_named
 from yesnt.io.pictures.image import read_headers
 from yesnt.io.pictures.material_pass import read_quantity, refuse_not_finite
-from yesnt.io.pictures.passes import find_matte, labels
-from yesnt.io.pictures.placed import read_placed
 
 F32 = NDArray[np.float32]
 
@@ -75,18 +74,13 @@ def _coverage(job: Job, spec: MaterialInput, key: str, frame: int, matte: F32, f
         return found.coverage
     facts.absent.append(())
     facts.known.append(())
-    channels = find_matte(headers, spec.channel, key)
-    plane, *others = read_placed(job, channels)
+    plane, channels = read_coverage(job, headers, spec.channel, key)
     path, inside = headers[0].path, matte > 0
-    if any(not np.array_equal(plane, other) for other in others):
-        raise JobError(
-            "The mask's red, green and blue differ", f"{path}, key {key}", "one channel", "name it with `channel:`"
-        )
-    refuse_not_finite(plane, inside, path, labels(channels))
+    refuse_not_finite(plane, inside, path, channels)
     plane = np.where(inside, plane, 0)
     if plane.max(initial=0) > LARGEST_SHARE:
         raise JobError(
-            f"The mask goes up to {plane.max():g}", f"{path}, key {key}, channel {labels(channels)}",
+            f"The mask goes up to {plane.max():g}", f"{path}, key {key}, channel {channels}",
             "coverage from 0 to 1", "divide it by its largest value, or name the right channel with `channel:`",
         )  # fmt: skip
     facts.clamped += int(((plane < 0) | (plane > 1)).sum())

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from yesnt.core.camera import Camera
 from yesnt.core.color import straighten
 from yesnt.core.color_spaces import Conversion
-from yesnt.core.errors import JobError
 from yesnt.core.shot import MATERIAL, Job, MatteInput
 from yesnt.io.jobfile import frame_path, pass_patterns
 from yesnt.io.pictures.association import PREMULTIPLIED, association
 from yesnt.io.pictures.channels import channels_of, named
+from yesnt.io.pictures.coverage import read_coverage
 from yesnt.io.pictures.decode_color import to_scene_linear
 from yesnt.io.pictures.image import read_headers
 from yesnt.io.pictures.material_pass import read_quantity, single_pass
@@ -24,7 +24,6 @@ from yesnt.io.pictures.not_finite import not_finite, refuse_not_finite
 from yesnt.io.pictures.passes import (
     Headers,
     find_color,
-    find_matte,
     find_normals,
     find_scalar,
     find_z,
@@ -241,14 +240,7 @@ def _straight(stored: _Stored, conversion: Conversion) -> tuple[NDArray[np.float
 
 def _separate_matte(job: Job, spec: MatteInput, frame: int) -> NDArray[np.float32]:
     """Coverage [H, W] from the matte's own file, as stored."""
-    channels = find_matte(read_headers(frame_path(job.root, spec.path, frame)), spec.channel)
-    first, *others = read_placed(job, channels)
-    if any(not np.array_equal(first, other) for other in others):
-        raise JobError(
-            "The matte's red, green and blue differ", channels[0].header.path, "one channel",
-            "name it with `channel:` of key matte",
-        )  # fmt: skip
-    return first
+    return read_coverage(job, read_headers(frame_path(job.root, spec.path, frame)), spec.channel, "matte")[0]
 
 
 def _refuse_inside(job: Job, frame: int, bad: NDArray[np.bool_], where: str, channels: str) -> None:

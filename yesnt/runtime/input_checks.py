@@ -20,6 +20,7 @@ from yesnt.core.camera import Camera
 from yesnt.core.job_progress import Progress, no_progress
 from yesnt.core.parallel import parallel_map
 from yesnt.core.shot import MATERIAL, Job
+from yesnt.inspect.camera_facts import oddities
 from yesnt.io import env_maps, shot_inputs
 from yesnt.io.color_statements import Statement
 from yesnt.io.fact_cache import FactCache
@@ -38,6 +39,7 @@ from yesnt.runtime.capture_checks import CaptureChecks
 from yesnt.runtime.consistency.coded import refuse_coded_alpha
 from yesnt.runtime.consistency.contradictions import contradictions
 from yesnt.runtime.correction_checks import CorrectionChecks, correction_facts, corrections_of
+from yesnt.runtime.light_checks import light_warnings
 from yesnt.runtime.preflight import READERS, Resolved
 
 STORE_BYTES_PER_PIXEL = 80
@@ -88,6 +90,7 @@ class InputChecks:
         """
         job = self._job
         warnings = [*self._notes, *_no_video(job), *raster_warnings(job, self._camera)]
+        warnings += [f"camera: {odd}" for odd in oddities(self._camera, job.frames)] + list(light_warnings(job))
         for pattern in (job.shot.plate.path, job.shot.gbuffer.path):
             for frame in (frame for frame in job.frames if not self.facts.knows(self._frame_key(frame))):
                 check_fits(job, read_header(frame_path(job.root, pattern, frame)))

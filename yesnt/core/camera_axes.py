@@ -24,6 +24,9 @@ UNITS = MappingProxyType({"m": 1.0, "cm": 0.01, "mm": 0.001})
 ROTATION_TOLERANCE = 1e-3
 """Largest error of R R' - I: cameras come from files with float32 or 5-digit text."""
 
+_LAST = [0.0, 0.0, 0.0, 1.0]
+_IDENTITY = np.eye(3)
+
 
 def opencv_pose(values: Any, where: str, axes: str = "opencv", units: str = "m") -> F64:
     """`world_from_camera` [4, 4] in OpenCV axes and metres.
@@ -65,13 +68,13 @@ def _matrix(values: Any, where: str) -> F64:
 def _problem(matrix: F64) -> str:
     """What is wrong with a pose; empty if nothing is."""
     rotation, last = matrix[:3, :3], matrix[3]
-    if not np.allclose(last, (0, 0, 0, 1), rtol=0, atol=1e-9):
-        if np.allclose(matrix[:, 3], (0, 0, 0, 1), rtol=0, atol=1e-9):
+    if last.tolist() != _LAST and not np.allclose(last, _LAST, rtol=0, atol=1e-6):
+        if np.allclose(matrix[:, 3], _LAST, rtol=0, atol=1e-6):
             return "it is column-major (the translation stands in the last row); write its transpose"
         return f"its last row is {' '.join(f'{v:g}' for v in last)}"
-    lengths = np.linalg.norm(rotation, axis=0)
-    off = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+    off = float(np.abs(rotation @ rotation.T - _IDENTITY).max())
     if off > ROTATION_TOLERANCE:
+        lengths = np.linalg.norm(rotation, axis=0)
         scaled = lengths.min() > 0 and np.ptp(lengths) < ROTATION_TOLERANCE * lengths.max()
         if scaled and abs(lengths[0] - 1) > ROTATION_TOLERANCE:
             return f"it is scaled by {lengths.mean():g}"

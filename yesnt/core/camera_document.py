@@ -82,13 +82,14 @@ def read_document(data: Any, where: str) -> CameraDocument:
             "correct it",
         )  # fmt: skip
     axes, units = word(data, "axes", AXES, "opencv", where), word(data, "units", UNITS, "m", where)
+    common = _lens(data, where) if not of_frames else None
     lenses, poses = {}, {}
     for name, entry in entries.items():
         place = f"{where}: frame {name}"
         refuse_unknown_keys(entry, ("world_from_camera", *LENS_KEYS, "distortion"), place)
         frame = _frame_number(name, place)
         poses[frame] = opencv_pose(entry.get("world_from_camera"), place, axes, units)
-        lenses[frame] = _lens({**data, **entry}, place)
+        lenses[frame] = common if common and len(entry) == 1 else _lens({**data, **entry}, place)
     return CameraDocument(_size(data, where), lenses, poses)
 
 

@@ -36,7 +36,7 @@ SOLID = 0.99
 
 AS_RENDERED: dict[str, Any] = {"plate": {"path": "render.####.exr"}, "gbuffer": {"path": "render.####.exr"}}
 AS_PNG: dict[str, Any] = {
-    "plate": {"path": "color.####.png"}, "matte": {"path": "matte.####.png"}, "gbuffer": {"path": "render.####.exr"},
+    "plate": {"path": "color.####.png", "alpha": "premultiplied_linear"}, "matte": {"path": "matte.####.png"}, "gbuffer": {"path": "render.####.exr"},
 }  # fmt: skip
 ALPHA_IN_PNG: dict[str, Any] = {"plate": {"path": "both.####.png"}, "gbuffer": {"path": "render.####.exr"}}
 

@@ -111,6 +111,15 @@ def test_a_matte_may_have_a_file_of_its_own(tmp_path: Path) -> None:
     assert outcome.centre() == pytest.approx([0.503] * 3, abs=5e-3)
 
 
+def test_a_plate_on_black_that_was_multiplied_before_encoding(tmp_path: Path) -> None:
+    """What Blender writes as RGB on black, and Nuke as 8 bits; the matte is a file of its own."""
+    plate = {"path": "plate.####.png", "colorspace": "srgb", "alpha": "premultiplied_linear"}
+    folder = write_shot(tmp_path / "s", plate=plate, matte={"path": "matte.####.png"})
+    write_png(folder, 137, None)  # sRGB of 0.25, which is 0.5 at half coverage
+    cv2.imwrite(str(folder / f"matte.{FRAME}.png"), HALF)
+    assert plate_centre(folder) == pytest.approx((0.5, 0.502), abs=5e-3)
+
+
 def test_a_tiff_whose_alpha_was_associated_after_encoding(tmp_path: Path) -> None:
     folder = write_shot(tmp_path / "s", plate={"path": "plate.####.tif", "colorspace": "srgb"})
     spec = oiio.ImageSpec(WIDTH, HEIGHT, 4, oiio.UINT8)

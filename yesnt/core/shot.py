@@ -38,7 +38,7 @@ class PlateInput(Part):
     layer: str | None = None
     channels: dict[Literal["R", "G", "B", "A"], str] = Field(default_factory=dict)
     view: str | None = None
-    alpha: Literal["straight", "premultiplied"] | None = None
+    alpha: Literal["straight", "premultiplied", "premultiplied_linear"] | None = None
 
     @model_validator(mode="after")
     def _one_way_to_name(self) -> Self:

@@ -14,7 +14,7 @@ from yesnt.core.color import straighten
 from yesnt.core.color_spaces import Conversion
 from yesnt.core.shot import MATERIAL, Job, MatteInput
 from yesnt.io.jobfile import frame_path, pass_patterns
-from yesnt.io.pictures.association import PREMULTIPLIED, association
+from yesnt.io.pictures.association import BEFORE_ENCODING, STRAIGHT, association
 from yesnt.io.pictures.channels import channels_of, named
 from yesnt.io.pictures.coverage import read_coverage
 from yesnt.io.pictures.decode_color import to_scene_linear
@@ -193,7 +193,8 @@ def _plate(job: Job, frame: int, conversion: Conversion) -> Plate:
 class _Stored:
     """A colour picture as its files hold it: colour [H, W, 3], coverage [H, W] in [0, 1], and the alpha to divide by.
 
-    `by` is None where colour is straight; `own` says that coverage and `by` are the same alpha of the file.
+    `by` is None where colour is straight; `own` says that coverage and `by` are the same alpha of the file,
+    `decoded_first` that colour was multiplied before it was encoded.
     """
 
     path: str
@@ -202,6 +203,7 @@ class _Stored:
     matte: NDArray[np.float32]
     by: NDArray[np.float32] | None
     own: bool
+    decoded_first: bool
     alpha_clamped: int
     has_alpha: bool
     alpha_peak: float
@@ -220,18 +222,24 @@ def _stored(job: Job, role: Literal["plate", "background"], frame: int) -> _Stor
     beyond, peak = (matte < 0) | (matte > 1), float(matte.max(initial=0))
     matte = np.clip(matte, 0, 1).astype(np.float32)
     by = None
-    if association(found, spec) == PREMULTIPLIED:
+    way = association(found, spec)
+    if way != STRAIGHT:
         by = matte if alpha is None else np.clip(alpha, 0, 1).astype(np.float32)
     own = by is not None and matte_input is None
     facts = int(beyond.sum()), coverage is not None, peak
-    return _Stored(headers[0].path, found.label, color, matte, by, own, *facts)
+    return _Stored(headers[0].path, found.label, color, matte, by, own, way == BEFORE_ENCODING, *facts)
 
 
 def _straight(stored: _Stored, conversion: Conversion) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
     """Straight converted colour [H, W, 3], 0 where nothing is covered, and the colour there; None if there is none."""
     covered = stored.matte[..., None] > 0
-    straight = stored.color if stored.by is None else straighten(stored.color, stored.by)
-    color = np.where(covered, to_scene_linear(straight, conversion), 0).astype(np.float32)
+    if stored.by is None:
+        straight = to_scene_linear(stored.color, conversion)
+    elif stored.decoded_first:
+        straight = straighten(to_scene_linear(stored.color, conversion), stored.by)
+    else:
+        straight = to_scene_linear(straighten(stored.color, stored.by), conversion)
+    color = np.where(covered, straight, 0).astype(np.float32)
     if not stored.own or not (stored.color[~covered[..., 0]] != 0).any():
         return color, None
     uncovered = np.where(covered, np.float32(0), stored.color)

@@ -8,9 +8,10 @@ from yesnt.core.shot import PlateInput
 from yesnt.io.pictures.image import ImageHeader
 from yesnt.io.pictures.passes import ColorChannels
 
-STRAIGHT, PREMULTIPLIED = "straight", "premultiplied"
+STRAIGHT, PREMULTIPLIED, BEFORE_ENCODING = "straight", "premultiplied", "premultiplied_linear"
 
-Association = Literal["straight", "premultiplied"]
+Association = Literal["straight", "premultiplied", "premultiplied_linear"]
+"""The last: multiplied before it was encoded, as Nuke writes 8-bit pictures and Blender writes them without alpha."""
 
 
 def association(found: ColorChannels, spec: PlateInput) -> Association:
@@ -26,7 +27,7 @@ def association(found: ColorChannels, spec: PlateInput) -> Association:
     return format_association(found.color[0].header)
 
 
-def format_association(header: ImageHeader) -> Association:
+def format_association(header: ImageHeader) -> Literal["straight", "premultiplied"]:
     """What a file's format says of its own alpha."""
     straight = header.format != "openexr" and header.attributes.get("oiio:UnassociatedAlpha", 0) == 1
     return "straight" if straight else "premultiplied"

@@ -35,8 +35,9 @@ SOLID = 0.99
 """Coverage from which a pixel counts as inside, in plate and truth."""
 
 AS_RENDERED: dict[str, Any] = {"plate": {"path": "render.####.exr"}, "gbuffer": {"path": "render.####.exr"}}
-AS_PNG: dict[str, Any] = {
-    "plate": {"path": "color.####.png", "alpha": "premultiplied_linear"}, "matte": {"path": "matte.####.png"}, "gbuffer": {"path": "render.####.exr"},
+AS_PNG: dict[str, Any] = {  # colours alone, on black
+    "plate": {"path": "color.####.png", "alpha": "premultiplied_linear"},
+    "matte": {"path": "matte.####.png"}, "gbuffer": {"path": "render.####.exr"},
 }  # fmt: skip
 ALPHA_IN_PNG: dict[str, Any] = {"plate": {"path": "both.####.png"}, "gbuffer": {"path": "render.####.exr"}}
 

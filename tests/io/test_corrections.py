@@ -13,6 +13,7 @@ import pytest
 from tests.cases.shots import FRAME, HEIGHT, WIDTH, check, material, sphere, write, write_shot
 from yesnt.decompose.cryptomatte import identifier
 from yesnt.io.corrections import read_overrides
+from yesnt.io.pictures.describe import describe_reads
 from yesnt.io.pictures.material_pass import read_quantity
 from yesnt.runtime.session import Session
 
@@ -75,6 +76,20 @@ def test_a_cryptomatte_as_blender_5_writes_it_in_parts_with_metadata_in_the_firs
     with OpenEXR.File([beauty, *matte]) as target:
         target.write(str(folder / "id.exr"))
     np.testing.assert_array_equal(weight_of(folder), PARTS["belt"])
+
+
+def test_plan_says_what_corrects_what(tmp_path: Path) -> None:
+    rough = {"backend": "embedded", "roughness": {"path": "material.####.exr"}}
+    entries = [
+        {"cryptomatte": "id.exr", "names": ["belt"], "metallic": 1.0},
+        {"mask": "mask.exr", "channel": "cap", "roughness": 0.2},
+    ]
+    folder = write_shot(tmp_path / "s", decompose=rough, materials=entries)
+    write(folder / "id.exr", layer("CryptoObject00", ranks(PARTS)), **metadata("CryptoObject"))
+    write(folder / "mask.exr", {"cap": LEFT, "belt": LEFT})
+    reads = describe_reads(Session(folder).job, FRAME)
+    named = {role: reads[role] for role in ("roughness", "materials.0", "materials.1")}
+    assert named == {"roughness": "roughness.Y", "materials.0": "belt of CryptoObject", "materials.1": "cap"}
 
 
 def test_several_names_are_taken_together(tmp_path: Path) -> None:

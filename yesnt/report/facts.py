@@ -21,7 +21,8 @@ def gather(session: Session) -> dict[str, Any]:
     found = states(session, graph)
     counts = Counter((StageId.parse(s.stage).name, s.state) for s in found)
     records = [session.book.find(s.stage, s.frame) for s in found if s.state == "done"]
-    rows = [_row(stage, counts, [r for r in records if r is not None and r.stage == stage]) for stage in STAGES]
+    shown = [name for name, row in STAGES.items() if not row.optional or any(stage == name for stage, _ in counts)]
+    rows = [_row(stage, counts, [r for r in records if r is not None and r.stage == stage]) for stage in shown]
     return {
         "name": session.job.shot.name,
         "size": [session.job.width, session.job.height],

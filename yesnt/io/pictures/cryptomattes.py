@@ -92,6 +92,15 @@ def read_named(job: Job, spec: MaterialInput, headers: Sequence[ImageHeader], ke
     return NamedCoverage(coverage(ranks, set(numbers.values())), absent, tuple(known))
 
 
+def chosen_name(spec: MaterialInput, headers: Sequence[ImageHeader], key: str) -> str:
+    """The name of the Cryptomatte that an override means.
+
+    Raises:
+        JobError: as `read_named`.
+    """
+    return _choose(_cryptomattes(headers, key), spec, headers[0].path, key).name
+
+
 def unknown_name(name: str, known: Iterable[str], path: str, key: str) -> JobError:
     """The error of a name that no frame of the shot holds."""
     known = sorted(set(known))

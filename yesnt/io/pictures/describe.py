@@ -9,7 +9,9 @@ from yesnt.core.shot import Job, PlateInput
 from yesnt.io.jobfile import frame_path, pass_patterns
 from yesnt.io.pictures.association import association
 from yesnt.io.pictures.channels import Channel
+from yesnt.io.pictures.cryptomattes import chosen_name
 from yesnt.io.pictures.image import ImageHeader, read_headers
+from yesnt.io.pictures.material_pass import quantity_channels
 from yesnt.io.pictures.passes import find_color, find_matte, find_normals, find_scalar, find_z, labels
 
 ASPECT_TOLERANCE = 0.01
@@ -30,6 +32,20 @@ def describe_reads(job: Job, frame: int) -> dict[str, str]:
     if shot.decompose.path and set(pass_patterns(shot.decompose.path)) == {"material"}:
         parts = _headers(job, shot.decompose.path, frame)
         found["materials"] = _with_part([find_scalar(parts, name, "decompose") for name in ("roughness", "metallic")])
+    return found | _corrections(job, frame)
+
+
+def _corrections(job: Job, frame: int) -> dict[str, str]:
+    """Channels of passes of one quantity, and of the masks and Cryptomattes of `materials:`."""
+    found = {}
+    for name, one in job.shot.decompose.quantities.items():
+        found[name] = _with_part(quantity_channels(_headers(job, one.path, frame), name, one))
+    for number, spec in enumerate(job.shot.materials):
+        key, headers = f"materials.{number}", _headers(job, spec.path, frame)
+        if spec.mask is not None:
+            found[key] = labels(find_matte(headers, spec.channel, key))
+        else:
+            found[key] = f"{', '.join(spec.names)} of {chosen_name(spec, headers, key)}"
     return found
 
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.core.errors import JobError
 from yesnt.core.shot import Job, QuantityInput
 from yesnt.io.jobfile import frame_path
-from yesnt.io.pictures.channels import channels_of, named
+from yesnt.io.pictures.channels import Channel, channels_of, named
 from yesnt.io.pictures.image import read_headers
 from yesnt.io.pictures.passes import Headers, find_scalar
 from yesnt.io.pictures.placed import read_placed
@@ -18,13 +20,38 @@ F32 = NDArray[np.float32]
 
 def single_pass(job: Job, headers: Headers, name: str) -> F32:
     """A pass that has a file of its own, [H, W] raw data; models that paint it in three channels mean their average."""
+    return _averaged(read_placed(job, single_channels(headers, name)))
+
+
+def single_channels(headers: Headers, name: str) -> tuple[Channel, ...]:
+    """The channel of such a pass; three where it is painted in colour.
+
+    Raises:
+        JobError: absent or ambiguous.
+    """
     alone = {channel.name: channel for channel in channels_of(headers, None, "decompose")}
     for channel in (f"{name}.Y", "Y"):
         if channel in alone:
-            return read_placed(job, [alone[channel]])[0]
+            return (alone[channel],)
     if {"R", "G", "B"} <= set(alone):
-        return np.stack(read_placed(job, [alone[c] for c in "RGB"])).mean(0).astype(np.float32)
-    return read_placed(job, [find_scalar(headers, name, "decompose")])[0]
+        return alone["R"], alone["G"], alone["B"]
+    return (find_scalar(headers, name, "decompose"),)
+
+
+def quantity_channels(headers: Headers, name: str, spec: QuantityInput) -> tuple[Channel, ...]:
+    """The channels of a pass of one quantity: the one that the job names, or the obvious ones.
+
+    Raises:
+        JobError: absent or ambiguous.
+    """
+    key = f"decompose.{name}"
+    if spec.channel is None:
+        return single_channels(headers, name)
+    return (named(channels_of(headers, None, key), spec.channel, key),)
+
+
+def _averaged(planes: Sequence[F32]) -> F32:
+    return planes[0] if len(planes) == 1 else np.stack(planes).mean(0).astype(np.float32)
 
 
 def read_quantity(job: Job, name: str, spec: QuantityInput, frame: int, matte: F32) -> tuple[F32, int]:
@@ -42,10 +69,7 @@ def read_quantity(job: Job, name: str, spec: QuantityInput, frame: int, matte: F
     """
     key = f"decompose.{name}"
     headers = read_headers(frame_path(job.root, spec.path, frame))
-    if spec.channel is None:
-        plane = single_pass(job, headers, name)
-    else:
-        plane = read_placed(job, [named(channels_of(headers, None, key), spec.channel, key)])[0]
+    plane = _averaged(read_placed(job, quantity_channels(headers, name, spec)))
     inside = matte > 0
     if spec.alpha == "premultiplied":
         plane = np.where(inside, plane / np.where(inside, matte, 1), 0).astype(np.float32)

@@ -28,7 +28,7 @@ from yesnt.io.job_colors import check_statement, first_statements
 from yesnt.io.jobfile import correction_patterns, frame_path, frames_on_disk, pass_files
 from yesnt.io.mesh import read_mesh
 from yesnt.io.output import OutputFolder
-from yesnt.io.pictures.describe import describe_raster, describe_reads, raster_warnings
+from yesnt.io.pictures.describe import alpha_warnings, describe_raster, describe_reads, raster_warnings
 from yesnt.io.pictures.image import read_header
 from yesnt.io.pictures.material_pass import refuse_coded
 from yesnt.io.pictures.placed import check_fits
@@ -89,7 +89,7 @@ class InputChecks:
             JobError: as said.
         """
         job = self._job
-        warnings = [*self._notes, *_no_video(job), *raster_warnings(job, self._camera)]
+        warnings = [*self._notes, *_no_video(job), *raster_warnings(job, self._camera), *alpha_warnings(job)]
         warnings += [f"camera: {odd}" for odd in oddities(self._camera, job.frames)] + list(light_warnings(job))
         for pattern in (job.shot.plate.path, job.shot.gbuffer.path):
             for frame in (frame for frame in job.frames if not self.facts.knows(self._frame_key(frame))):

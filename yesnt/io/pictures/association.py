@@ -27,6 +27,11 @@ def association(found: ColorChannels, spec: PlateInput) -> Association:
     return format_association(found.color[0].header)
 
 
+def says_association(header: ImageHeader) -> bool:
+    """Whether a file's format says how its colour and alpha go together."""
+    return header.format in ("openexr", "tiff") or header.attributes.get("oiio:UnassociatedAlpha", 0) == 1
+
+
 def format_association(header: ImageHeader) -> Literal["straight", "premultiplied"]:
     """What a file's format says of its own alpha."""
     straight = header.format != "openexr" and header.attributes.get("oiio:UnassociatedAlpha", 0) == 1

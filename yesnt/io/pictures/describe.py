@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from yesnt.core.camera import Camera
 from yesnt.core.shot import Job, PlateInput
 from yesnt.io.jobfile import frame_path, pass_patterns
-from yesnt.io.pictures.association import association
+from yesnt.io.pictures.association import association, says_association
 from yesnt.io.pictures.channels import Channel
 from yesnt.io.pictures.cryptomattes import chosen_name
 from yesnt.io.pictures.image import ImageHeader, read_headers
@@ -80,6 +80,19 @@ def raster_warnings(job: Job, camera: Camera) -> Iterator[str]:
             f"camera: fx {lens.fx:g} times the plates' pixel aspect ratio {aspect:g} is not fy {lens.fy:g}; rays "
             "follow fx and fy, so what is seen is stretched unless the lens is"
         )
+
+
+def alpha_warnings(job: Job) -> Iterator[str]:
+    """Pictures of the first frame whose format does not say how colour and alpha go together, and the job does not."""
+    for key, spec in (("plate", job.shot.plate), ("background", job.shot.background)):
+        if spec is not None and spec.alpha is None:
+            found = find_color(_headers(job, spec.path, job.frames[0]), spec, key)
+            header = found.color[0].header
+            if found.alpha is not None and not says_association(header):
+                yield (
+                    f"{key}: {header.format} does not say whether colour is multiplied by alpha; it is read as "
+                    f"{association(found, spec)}; set `alpha:` in key {key}"
+                )
 
 
 def _color(job: Job, spec: PlateInput, key: str, frame: int) -> str:

@@ -176,3 +176,27 @@ def test_kernels_distort_as_the_camera_does(lens):
     record = lens_record(replace(camera, distortion=lens), 1)
     for x, y in np.random.default_rng(0).uniform(-0.5, 0.5, (50, 2)).astype(np.float32):
         assert distorted.py_func(x, y, record) == pytest.approx(lens.distort(np.float64(x), np.float64(y)), abs=1e-6)
+
+
+def ball(rows, fy):
+    """A ball of 1 m, 3 m ahead, seen by a camera of 64 columns whose pixels are as tall as `rows` makes them."""
+    pose = np.array([[1.0, 0, 0, 0], [0, 0, 1, -3], [0, -1, 0, 0], [0, 0, 0, 1]])
+    camera = Camera(64, rows, 100.0, fy, 32.0, rows / 2, {1: pose})
+    rays, eye = camera.rays(1).astype(float), np.array([0, -3.0, 0])
+    a, b = (rays**2).sum(-1), rays @ eye
+    root = b * b - a * (9 - 0.25)
+    hit = root > 0
+    z = np.where(hit, (-b - np.sqrt(np.maximum(root, 0))) / a, 0).astype(np.float32)
+    normal = np.where(hit[..., None], (eye + z[..., None] * rays) / 0.5, 0).astype(np.float32)
+    ones = np.ones((rows, 64), np.float32)
+    return GBuffer(np.tile(0.5 * ones[..., None], 3), ones, 0 * ones, normal, z, hit.astype(np.float32)), camera
+
+
+@pytest.mark.parametrize(("rows", "fy"), [(48, 100.0), (24, 50.0), (12, 25.0)])
+def test_pixels_that_are_taller_than_wide_do_not_shadow_a_convex_surface(rows, fy):
+    seen = surface(*ball(rows, fy))
+    pixels = gather_pixels(seen)
+    directions = np.random.default_rng(0).normal(size=(3, 64))
+    directions = (directions / np.linalg.norm(directions, axis=0)).astype(np.float32)
+    hidden = march(depth_scene(seen, pixels, 0.0), pixels.position, pixels.normal, directions, STEPS)
+    assert hidden[pixels.normal @ directions > 0].mean() < 0.002

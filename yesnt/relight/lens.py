@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.core.camera import Camera, lens_reach
+from yesnt.core.camera_document import Lens
 from yesnt.relight.compiled import exact_kernel
 
 F32 = NDArray[np.float32]
@@ -37,6 +38,15 @@ class LensRecord(NamedTuple):
     model: int
     k: F32
     reach: np.float32
+
+
+SQUARE = 0.01
+"""Relative difference of fx and fy up to which pixels count as square: calibrations differ by less."""
+
+
+def pixel_focal(lens: Lens) -> float:
+    """Focal length in pixels along the longer side of a pixel: depth over it is what a pixel covers."""
+    return lens.fx if abs(lens.fx - lens.fy) <= SQUARE * lens.fy else min(lens.fx, lens.fy)
 
 
 class PlanePoint(NamedTuple):

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.relight.compiled import exact_entry, exact_kernel
-from yesnt.relight.lens import PINHOLE, LensRecord, distorted, lens_record
+from yesnt.relight.lens import PINHOLE, LensRecord, distorted, lens_record, pixel_focal
 from yesnt.relight.points import Pixels, Surface, has_depth
 from yesnt.relight.ranges import over_ranges
 from yesnt.relight.shading_frame import Vector
@@ -33,6 +33,7 @@ class DepthScene(NamedTuple):
         lens: intrinsics and distortion of the camera.
         reach: length of a march, metres.
         thickness: depth behind the buffer that occludes, metres.
+        focal: focal length in pixels along the longer side of a pixel.
     """
 
     z: F32
@@ -40,6 +41,7 @@ class DepthScene(NamedTuple):
     lens: LensRecord
     reach: np.float32
     thickness: np.float32
+    focal: np.float32
 
 
 class Rays(NamedTuple):
@@ -73,8 +75,9 @@ def depth_scene(surface: Surface, pixels: Pixels, thickness: float) -> DepthScen
     lens, record = surface.camera.lens(surface.frame), lens_record(surface.camera, surface.frame)
     depth = float(np.median(z[known])) if known.any() else 1.0
     extent = float(np.ptp(np.nonzero(known)[0])) * depth / lens.fy if known.any() else 1.0
+    focal = np.float32(pixel_focal(lens))
     thickness = thickness or _half_width(known) * depth / lens.fx
-    return DepthScene(buffer, inverse, record, np.float32(_REACH * extent), np.float32(thickness))
+    return DepthScene(buffer, inverse, record, np.float32(_REACH * extent), np.float32(thickness), focal)
 
 
 def _half_width(known: NDArray[np.bool_]) -> float:
@@ -139,7 +142,7 @@ def _march_ray(scene, origin, along, steps):  # type: ignore[no-untyped-def]  # 
         if column < 0 or row < 0 or column >= width or row >= height:
             return False
         behind = depth - scene.z[row, column]
-        margin = np.float32(_SLOPE) * distance + np.float32(_PIXELS) * depth / lens.fx
+        margin = np.float32(_SLOPE) * distance + np.float32(_PIXELS) * depth / scene.focal
         if margin < behind < scene.thickness + margin:
             return True
     return False

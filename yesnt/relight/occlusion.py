@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.relight.indirect import IndirectLight, PixelRays
+from yesnt.relight.lens import pixel_focal
 from yesnt.relight.lights import Clusters, PreparedLight
 from yesnt.relight.march import DepthScene, depth_scene, march
 from yesnt.relight.points import Pixels, Surface
@@ -65,7 +66,9 @@ def find_occluders(surface: Surface, pixels: Pixels, proxy: ProxyScene | None, s
     eye = surface.camera.position(surface.frame).astype(np.float32)
     shown, gap = _seen_triangle(proxy, eye, pixels)
     origins = pixels.position + pixels.view * gap[:, None] + pixels.normal * np.float32(settings.offset)
-    footprint = np.linalg.norm(pixels.position - eye, axis=1) / np.float32(surface.camera.lens(surface.frame).fx)
+    footprint = np.linalg.norm(pixels.position - eye, axis=1) / np.float32(
+        pixel_focal(surface.camera.lens(surface.frame))
+    )
     return Occluders(origins.astype(np.float32), proxy, None, shown, footprint.astype(np.float32))
 
 

@@ -134,7 +134,7 @@ def test_a_matte_of_three_channels_must_be_grey(tmp_path: Path, equal: bool) -> 
     if equal:
         np.testing.assert_array_equal(read_plate(Session(folder).job, FRAME).matte, matte)
     else:
-        assert "The matte's red, green and blue differ" in check(folder).refusal
+        assert "The red, green and blue of the matte differ" in check(folder).refusal
 
 
 def test_a_matte_replaces_the_alpha_and_colour_stays_straight(tmp_path: Path) -> None:

@@ -66,9 +66,8 @@ def find_occluders(surface: Surface, pixels: Pixels, proxy: ProxyScene | None, s
     eye = surface.camera.position(surface.frame).astype(np.float32)
     shown, gap = _seen_triangle(proxy, eye, pixels)
     origins = pixels.position + pixels.view * gap[:, None] + pixels.normal * np.float32(settings.offset)
-    footprint = np.linalg.norm(pixels.position - eye, axis=1) / np.float32(
-        pixel_focal(surface.camera.lens(surface.frame))
-    )
+    focal = np.float32(pixel_focal(surface.camera.lens(surface.frame)))
+    footprint = np.linalg.norm(pixels.position - eye, axis=1) / focal
     return Occluders(origins.astype(np.float32), proxy, None, shown, footprint.astype(np.float32))
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from yesnt.core.camera import Camera
 from yesnt.core.job_progress import Progress, no_progress
@@ -59,7 +60,7 @@ WHOLE = 0.99
 """Coverage from which a pixel must have a depth: those at an edge may have been sampled beside it."""
 
 UNSEEN = 0.01
-"""Colour without coverage up to which nothing is reported: a renderer's reconstruction filter leaves it at edges."""
+"""Colour without coverage up to which nothing is reported."""
 
 _ASPECT = 0.01
 """Share of a map's width by which it may differ from twice its height."""
@@ -162,7 +163,7 @@ class InputChecks:
             ALPHA_BEYOND: plate.alpha_clamped,
             NO_ALPHA: int(not plate.has_alpha),
             NOT_FINITE: plate.not_finite,
-            UNCOVERED: 0 if plate.uncovered is None else int((np.abs(plate.uncovered) > UNSEEN).any(-1).sum()),
+            UNCOVERED: 0 if plate.uncovered is None else _uncovered(plate.matte, plate.uncovered),
             EMPTY: int(not (plate.matte > 0.5).any()),
             MATERIAL_BEYOND: 0 if inside is None else int(((inside < 0) | (inside > 1)).sum()),
         }
@@ -265,6 +266,17 @@ class InputChecks:
         counts = {"negative values are read as 0": found.negative, "infinite values are clamped": found.infinite}
         size = [found.values.shape[1], found.values.shape[0]]
         return {"counts": {what: count for what, count in counts.items() if count}, "size": size}
+
+
+def _uncovered(matte: NDArray[np.float32], uncovered: NDArray[np.float32]) -> int:
+    """How many pixels have colour but no coverage.
+
+    Not those beside covered ones, where reconstruction filters and denoisers leave some, and not what nobody sees.
+    """
+    from scipy.ndimage import binary_dilation
+
+    near = binary_dilation(matte > 0, np.ones((3, 3), np.bool_))
+    return int(((np.abs(uncovered) > UNSEEN).any(-1) & ~near).sum())
 
 
 @cache

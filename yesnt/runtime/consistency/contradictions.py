@@ -16,7 +16,8 @@ _RAY = 0.5  # share of distance along the ray in depth: 0.03 at most on the capt
 _RAY_GAIN = 1.5  # least gain of misfit: noisy normals gave 1.1, the shots of the capture stage 2 and more
 _SIZES = (0.02, 50.0)  # metres: a subject of the capture is between a hand and a truck
 _BRIGHT = 0.05  # share of pixels brighter than white paper would be
-_DARK = 0.1  # albedo that only 1 % of the pixels exceed
+_BLACK = 0.02  # median albedo: half of what glass reflects; black plastics of the capture stage had 0.025
+_DARK = 0.1  # and albedo that only 1 % of the pixels exceed
 
 
 def contradictions(frames: Mapping[int, Facts], path: str) -> Iterable[str]:
@@ -88,7 +89,7 @@ def _of_exposure(facts: Sequence[Facts], where: str) -> Iterable[str]:
             f"plate and capture_light: {bright:.0%} of the covered pixels are brighter than a white surface under the "
             f"capture light (median albedo {median:.2g}; {where}): their base colour is clamped at 1; {mend}"
         )
-    elif high < _DARK:
+    elif median < _BLACK and high < _DARK:
         yield (
             f"plate and capture_light: 99 % of the covered pixels would reflect less than {high:.2g} of the capture "
             f"light (median albedo {median:.2g}; {where}); {mend}"

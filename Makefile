@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/ready
 BENCHMARKS := engine_overhead engine_memory engine_first_run temporal_speed relight_speed
 
-.PHONY: demo test test-slurm test-long mutation lint bench blender train clean help
+.PHONY: demo test test-slurm test-images test-long mutation lint bench blender train clean help
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/'
@@ -23,6 +23,9 @@ test: $(READY)  ## all tests of a default run (under 12 minutes on 2 cores)
 
 test-slurm: $(READY)  ## runs through a real Slurm that the tests start (root; apt-get install slurm-wlm munge)
 	$(BIN)/python -m pytest -m slurm tests/slurm
+
+test-images: $(READY)  ## the container images' steps in a clean Debian root, up to the demo (root, debootstrap)
+	$(BIN)/python -m pytest -m images tests/docker
 
 test-long: $(READY)  ## the long suites too
 	$(BIN)/python -m pytest -m ''

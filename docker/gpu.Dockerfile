@@ -1,12 +1,17 @@
-# The CUDA image: the same code with a CUDA build of torch. Not tested on hardware yet (README, "What it does not do").
-#   docker build -f docker/gpu.Dockerfile -t yesnt:gpu .
-FROM nvidia/cuda:12.8.1-runtime-ubuntu24.04
-RUN apt-get update && apt-get install -y --no-install-recommends python3 python3-venv && rm -rf /var/lib/apt/lists/*
+# The image of GPU workers: the same versions, with the published backends. Build from the repository's root:
+#   docker build -f docker/gpu.Dockerfile -t yesnt:0.1.0-gpu .
+# torch's own packages bring the CUDA libraries; the host needs NVIDIA's driver and container toolkit. Its steps are
+# tested without a GPU; on one, `docker run --gpus all IMAGE doctor` must name it.
+FROM python:3.11-slim-bookworm
 WORKDIR /opt/yesnt
-COPY pyproject.toml README.md LICENSE ./
+COPY pyproject.toml constraints.txt README.md LICENSE ./
 COPY yesnt yesnt
 COPY workflows workflows
-RUN python3 -m venv /opt/venv && /opt/venv/bin/pip install --no-cache-dir .
+RUN python3 -m venv /opt/venv && /opt/venv/bin/pip install --no-cache-dir -c constraints.txt '.[slurm,kubernetes,diffusers]'
+ENV PATH=/opt/venv/bin:/usr/local/bin:/usr/bin:/bin
+ENV NVIDIA_VISIBLE_DEVICES=all
+ENV NVIDIA_DRIVER_CAPABILITIES=compute,utility
 RUN useradd --create-home artist
 USER artist
-ENTRYPOINT ["/opt/venv/bin/yesnt"]
+WORKDIR /tmp
+ENTRYPOINT ["yesnt"]

@@ -18,18 +18,15 @@ from typing import Any
 import pytest
 import yaml
 
+from tests.docker.dockerfile import entry_point, steps_of
 from yesnt.runtime.cluster import open_cluster
-from yesnt.runtime.launchers.spec import ClusterSpec
+from yesnt.runtime.launchers.spec import ClusterSpec, read_cluster
 from yesnt.runtime.worker_settings import ALLOCATOR, dask_settings
 
 ROOT = Path(__file__).parent.parent
 DOCKERFILES = sorted((ROOT / "docker").glob("*.Dockerfile"))
 
-FAKE_SSH = """#!/usr/bin/env bash
-# stands in for ssh on one machine: drops options and host, runs the rest; forwarding to oneself is nothing to do
-while [[ $1 == -* ]]; do case $1 in -tt) shift;; *) shift 2;; esac; done
-shift; exec bash -c "$*"
-"""
+PROFILES = sorted(path for path in (ROOT / "deploy").rglob("*.yaml") if path.name != "dask.yaml")
 
 
 def flat(tree: dict[str, Any], path: str = "") -> dict[str, Any]:
@@ -46,15 +43,47 @@ def test_farm_workers_get_the_same_settings_as_local_ones() -> None:
 
 
 @pytest.mark.parametrize("path", DOCKERFILES, ids=lambda path: path.stem)
-def test_images_copy_what_exists_and_start_what_is_installed(path: Path) -> None:
-    text = path.read_text()
-    copied = [name for line in re.findall(r"^COPY (.*)$", text, re.M) for name in line.split()[:-1]]
-    assert {"pyproject.toml", "README.md", "LICENSE", "yesnt", "workflows"} <= set(copied)
+def test_images_hold_the_tested_versions_and_start_what_is_installed(path: Path) -> None:
+    steps = steps_of(path)
+    copied = {name for step in steps if step.word == "COPY" for name in step.argument.split()[:-1]}
+    assert {"pyproject.toml", "constraints.txt", "README.md", "LICENSE", "yesnt", "workflows"} == copied
     assert all((ROOT / name).exists() for name in copied)
-    entry = re.search(r'^ENTRYPOINT \["([^"]+)"\]', text, re.M)
-    assert entry is not None
-    assert re.search(rf"^{Path(entry.group(1)).name} = ", (ROOT / "pyproject.toml").read_text(), re.M)
-    assert re.search(r"^USER (?!root)", text, re.M), "nothing runs as root"
+    kept = {line[1:] for line in (ROOT / ".dockerignore").read_text().splitlines() if line.startswith("!")}
+    assert kept == copied
+    (install,) = (step.argument for step in steps if step.word == "RUN" and "pip install" in step.argument)
+    assert "-c constraints.txt" in install
+    (extras,) = re.findall(r"\.\[([a-z,]+)\]", install)
+    project = (ROOT / "pyproject.toml").read_text()
+    assert all(re.search(rf"^{extra} = \[", project, re.M) for extra in extras.split(","))
+    assert re.search(rf"^{entry_point(steps)[0]} = ", project, re.M)
+    assert [step.argument for step in steps if step.word == "USER"] == ["artist"], "nothing runs as root"
+
+
+def test_manifests_name_the_images_that_are_built_here() -> None:
+    named = set(re.findall(r"image: (\S+)", (ROOT / "deploy" / "kubernetes" / "kubernetes.yaml").read_text()))
+    built = {tag for path in DOCKERFILES for tag in re.findall(r"-t (yesnt:\S+)", path.read_text())}
+    assert named == built
+    version = re.search(r'^version = "(.*)"', (ROOT / "pyproject.toml").read_text(), re.M)
+    assert version is not None
+    assert built == {f"yesnt:{version.group(1)}", f"yesnt:{version.group(1)}-gpu"}
+
+
+@pytest.mark.parametrize("path", PROFILES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("whole", [False, True], ids=["as it is", "with every key that it shows"])
+def test_example_profiles_are_accepted(path: Path, whole: bool, tmp_path: Path) -> None:
+    text = path.read_text()
+    if whole:
+        text = re.sub(r"^# (?=(  )?[a-z_]+:)", "", text, flags=re.M)
+    (tmp_path / path.name).write_text(text)
+    spec = read_cluster(str(tmp_path / path.name))
+    assert spec.profile is not None
+    if whole and path.stem in ("ssh", "slurm", "kubernetes"):
+        assert spec.profile.gpu is not None
+
+
+def test_the_page_names_every_profile() -> None:
+    page = (ROOT / "deploy" / "README.md").read_text()
+    assert {str(path.relative_to(ROOT / "deploy")) for path in PROFILES} == set(re.findall(r"\]\((\S+\.yaml)\)", page))
 
 
 @pytest.mark.parametrize("script", sorted((ROOT / "deploy").glob("*/start.sh")), ids=lambda path: path.parent.name)
@@ -80,11 +109,8 @@ def free_run(count: int) -> int:
 def started(tmp_path: Path, name: str, *arguments: str) -> Iterator[int]:
     """A deploy script under way; yields the scheduler's port."""
     port = free_run(3)
-    (tmp_path / "ssh").write_text(FAKE_SSH)
-    (tmp_path / "ssh").chmod(0o755)
     environment = os.environ | {
-        "PORT": str(port), "PYTHON": sys.executable, "REMOTE_PYTHON": sys.executable, "REMOTE_ROOT": str(ROOT),
-        "PATH": f"{tmp_path}:{os.environ['PATH']}", "PYTHONPATH": str(ROOT),
+        "PORT": str(port), "PYTHON": sys.executable, "PYTHONPATH": str(ROOT),
     }  # fmt: skip
     with (tmp_path / "log").open("w") as log:
         process = subprocess.Popen(
@@ -99,9 +125,8 @@ def started(tmp_path: Path, name: str, *arguments: str) -> Iterator[int]:
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="the scripts are bash")
-@pytest.mark.parametrize(("name", "arguments"), [("local", ("2",)), ("ssh", ("here", "there"))])
-def test_a_started_cluster_is_one_that_a_run_can_use(tmp_path: Path, name: str, arguments: tuple[str, ...]) -> None:
-    with started(tmp_path, name, *arguments) as port, open_cluster(ClusterSpec(f"tcp://127.0.0.1:{port}")) as client:
+def test_a_started_cluster_is_one_that_a_run_can_use(tmp_path: Path) -> None:
+    with started(tmp_path, "local", "2") as port, open_cluster(ClusterSpec(f"tcp://127.0.0.1:{port}")) as client:
         client.wait_for_workers(2, timeout=90)
         assert set(client.nthreads().values()) == {1}
         seen = client.run(lambda: {name: os.environ.get(name) for name in ("OMP_NUM_THREADS", *ALLOCATOR)})

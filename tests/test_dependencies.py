@@ -90,7 +90,7 @@ def test_what_is_declared_is_imported(package, sources):
 
 def test_what_is_imported_is_declared(sources):
     names = {IMPORT_NAMES.get(package, package).lower() for package in DECLARED}
-    installed = {name for name in sources if name in importlib.metadata.packages_distributions()}
+    installed = sources & set(importlib.metadata.packages_distributions())
     undeclared = {name for name in installed if name.lower() not in names} - NOT_INSTALLED_WITH_US
     undeclared -= set(sys.stdlib_module_names) | {"yesnt"}
     assert not undeclared, f"imported and not declared in pyproject.toml: {undeclared}"

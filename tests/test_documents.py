@@ -142,6 +142,29 @@ def test_roadmap_holds_nothing_that_works() -> None:
     assert not (future & set(Shot.model_fields)) - {"plate", "gbuffer", "light", "decompose"}  # these gain keys only
 
 
+def profile_table() -> str:
+    from yesnt.runtime.launchers.profile import MODELS
+
+    rows = ["| `kind:` | required | optional |", "|---|---|---|"]
+    for kind, model in MODELS.items():
+        keys = {name: field.is_required() for name, field in model.model_fields.items() if name != "kind"}
+        cells = (", ".join(f"`{name}`" for name in keys if keys[name] is needed) for needed in (True, False))
+        rows.append(f"| `{kind}` | {' | '.join(cells)} |".replace("|  |", "| |"))
+    return "\n".join(rows)
+
+
+def test_contract_names_every_key_of_a_cluster_profile() -> None:
+    from yesnt.runtime.launchers.profile import KubernetesGpu, SlurmGpu, SshGpu
+
+    text = section("docs/contract.md", "A cluster")
+    found = re.search(r"<!-- profiles -->\n(.*?)<!-- /profiles -->", text, re.S)
+    assert found
+    assert found.group(1).strip() == profile_table()
+    (line,) = (line for line in text.splitlines() if line.startswith("`gpu:` of"))
+    for model, part in zip((SshGpu, SlurmGpu, KubernetesGpu), line.split("; "), strict=True):
+        assert set(re.findall(r"`(\w+)`", part)) - {"ssh", "slurm", "kubernetes"} == set(model.model_fields)
+
+
 def test_example_job_of_the_contract_is_accepted() -> None:
     whole, further = code_blocks(section("docs/contract.md", "A shot"), "yaml")
     shot = yaml.safe_load(whole)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 import ssl
 import stat
 import subprocess
@@ -10,22 +12,29 @@ import time
 from collections.abc import Callable, Collection
 from pathlib import Path
 
+import psutil
 import pytest
 import yaml
 from cryptography import x509
+from distributed import Client
 
 from yesnt.core.errors import ClusterLostError, MissingPartError, UsageError, YesntError
 from yesnt.runtime import drain
+from yesnt.runtime.cluster import open_cluster, tunnel_to
 from yesnt.runtime.launchers import allocation, slurm, slurm_commands, top_up
 from yesnt.runtime.launchers.certificates import Certificate, CertificateFiles, certificate_files, make_certificate
+from yesnt.runtime.launchers.local import LocalLauncher
 from yesnt.runtime.launchers.processes import Processes, shell_words
 from yesnt.runtime.launchers.profile import MODELS, Slurm, seconds_of
 from yesnt.runtime.launchers.read_profile import KINDS, parse_profile, read_profile
+from yesnt.runtime.launchers.scheduler import dashboard_address, scheduler_here
 from yesnt.runtime.launchers.spec import ClusterSpec, read_cluster
 from yesnt.runtime.launchers.started import numbered_groups
 from yesnt.runtime.launchers.table import LAUNCHERS, check_cluster, launcher_of
 from yesnt.runtime.launchers.top_up import FAILED_STARTS, TopUp
 from yesnt.runtime.launchers.worker_command import WorkerGroup
+
+pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning")  # Dask closes sockets of ended workers late
 
 SLURM = {"kind": "slurm", "workers": "3", "memory": "2GiB", "walltime": "01:00:00", "partition": "cpu"}
 SSH = {"kind": "ssh", "hosts": {"node01": "2"}}
@@ -422,3 +431,86 @@ def test_the_certificate_is_a_pair() -> None:
     assert isinstance(made, Certificate)
     assert "PRIVATE KEY" in made.key
     assert "CERTIFICATE" in made.certificate
+
+
+# --- connections
+
+
+def test_a_running_scheduler_is_reached_with_the_certificates_of_a_profile(tmp_path: Path) -> None:
+    made = make_certificate()
+    with certificate_files(made, tmp_path) as files, scheduler_here(made, "lo", None) as cluster:
+        path = written(
+            tmp_path, kind="attach", address=cluster.scheduler_address, ca_file=str(files.certificate),
+            cert_file=str(files.certificate), key_file=str(files.key),
+        )  # fmt: skip
+        with open_cluster(read_cluster(path)) as client:
+            assert client.run_on_scheduler(lambda: 5) == 5
+        stranger = read_cluster(cluster.scheduler_address)
+        with pytest.raises(UsageError, match=r"no certificate for a connection with TLS.*deploy/attach\.yaml"):
+            check_cluster(stranger)
+        assert dashboard_address(cluster).startswith("http://127.0.0.1:")
+
+
+def test_a_tunnel_is_for_the_dashboards_port() -> None:
+    assert re.fullmatch(r"ssh -N -L 87:127\.0\.0\.1:87 \S+@\S+", tunnel_to("http://127.0.0.1:87/status"))
+    assert tunnel_to("") == ""
+
+
+def test_an_interface_that_is_not_there_is_named() -> None:
+    with pytest.raises(UsageError, match=r"scheduler cannot listen.*keys interface and host"):
+        scheduler_here(make_certificate(), "nic9", None).__enter__()
+
+
+FAKE_SSH = """#!/bin/sh
+# stands in for ssh: drops options and host, and hands the rest to a shell, as sshd does
+while [ "${1#-}" != "$1" ]; do shift 2; done
+shift; exec sh -c "$*"
+"""
+
+
+def test_workers_over_ssh_get_the_certificate_and_end_with_the_connection(tmp_path: Path) -> None:
+    (tmp_path / "fake-ssh").write_text(FAKE_SSH)
+    (tmp_path / "fake-ssh").chmod(0o755)
+    path = written(
+        tmp_path, kind="ssh", hosts={"node01": 1}, interface="lo", memory="1500MiB",
+        command=[str(tmp_path / "fake-ssh"), "-o", "BatchMode=yes"],
+        environment={"PYTHONPATH": str(Path(__file__).parents[2]), "WORD": "it's here"},
+    )  # fmt: skip
+    with open_cluster(read_cluster(path).of_job(False, tmp_path / "run")) as client:
+        client.wait_for_workers(1, timeout=90)
+        (worker,) = client.scheduler_info(n_workers=-1)["workers"].values()
+        assert (worker["name"], worker["resources"], worker["nthreads"]) == ("cpu-0.1", {"CPU": 1.0}, 1)
+        assert list(client.run(os.getenv, "WORD").values()) == ["it's here"]
+        (number,) = client.run(os.getpid).values()
+    deadline = time.monotonic() + 20
+    while psutil.pid_exists(number) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert not psutil.pid_exists(number)
+    log = (tmp_path / "run" / "workers" / "cpu-0.1.log").read_text()
+    assert "PRIVATE KEY" not in log
+
+
+def test_an_ssh_client_that_is_absent_and_a_host_that_is_an_option_are_refused() -> None:
+    for keys, message in (
+        ({"command": ["no-such-ssh"]}, "SSH client 'no-such-ssh' is not on this machine"),
+        ({"command": ["sh"], "hosts": {"-oProxyCommand=x": "1"}}, "looks like an option of ssh"),
+    ):
+        spec = ClusterSpec("ssh", profile=parse_profile({**SSH, **keys}, "x"))
+        with pytest.raises(UsageError, match=message):
+            check_cluster(spec)
+
+
+def test_this_machines_gpus_get_a_process_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    import torch
+
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: 2)
+    assert LocalLauncher(ClusterSpec(gpu=True)).pools == {"CPU", "GPU"}
+    assert LocalLauncher(ClusterSpec(gpu=False)).pools == set()
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "3,5")
+    with LocalLauncher(ClusterSpec(workers=1, gpu=True)).open() as running, Client(running.address) as client:
+        client.wait_for_workers(3, timeout=60)
+        workers = client.scheduler_info(n_workers=-1)["workers"]
+        seen = client.run(os.getenv, "CUDA_VISIBLE_DEVICES")
+    offered = {seen[address]: worker["resources"] for address, worker in workers.items()}
+    assert offered == {"3,5": {"CPU": 1.0}, "3": {"GPU": 1.0}, "5": {"GPU": 1.0}}

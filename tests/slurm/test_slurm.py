@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -25,8 +26,6 @@ from yesnt.io.records import RecordBook
 from yesnt.planning.graph import Graph, Node
 from yesnt.runtime.cluster import open_cluster
 from yesnt.runtime.driver import Driver, DriverSettings
-from yesnt.runtime.launchers.allocation import submission_script
-from yesnt.runtime.launchers.slurm_commands import submit
 from yesnt.runtime.launchers.spec import ClusterSpec, read_cluster
 
 pytestmark = [
@@ -155,13 +154,19 @@ def test_workers_are_replaced_before_their_time_is_over_and_no_task_is_made_twic
     assert ended >= 2 * (RUN_SECONDS // LIFETIME_SECONDS - 2), "workers have come and gone"
 
 
-def test_one_allocation_holds_everything(tmp_path: Path, expected: dict[str, bytes]) -> None:
+@pytest.mark.parametrize("mode", ["jobs", "allocation"])
+def test_a_submission_leaves_nothing_here_and_delivers_the_same(
+    tmp_path: Path, expected: dict[str, bytes], mode: str
+) -> None:
     shot = write_tiny_shot(tmp_path / "s", FRAMES, SIZE)
-    farm = profile(tmp_path, walltime="10m", mode="allocation", workers=3)
-    text = submission_script(read_cluster(str(farm)), yesnt("run", shot, "--cluster", farm), tmp_path / "driver.log")
-    number = submit(text, tmp_path)
-    until(lambda: jobs() == [], 180)
-    assert "progress 100%" in (tmp_path / "driver.log").read_text(), number
+    farm = profile(tmp_path, walltime="10m", mode=mode)
+    began = time.monotonic()
+    done = subprocess.run(yesnt("submit", shot, "--cluster", farm), check=True, text=True, stdout=subprocess.PIPE)
+    assert time.monotonic() - began < 30, "it returns at once"
+    assert re.search(r"slurm job \d+", done.stdout), done.stdout
+    until(lambda: jobs() == [], 240)
+    printed = subprocess.run(yesnt("logs", shot), check=True, text=True, stdout=subprocess.PIPE).stdout
+    assert "progress 100%" in printed
     assert delivered(shot) == expected
 
 

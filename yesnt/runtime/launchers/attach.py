@@ -35,6 +35,13 @@ class AttachLauncher:
             )  # fmt: skip
         if not address.startswith(("tcp://", "tls://")):
             raise no_such_kind(address)
+        if address.startswith("tls://") and not any(self._files().values()) and not _configured():
+            raise UsageError(
+                "There is no certificate for a connection with TLS", f"--cluster {address}",
+                "the scheduler's authority, and a certificate and key that it accepts",
+                "write a profile with ca_file, cert_file and key_file (deploy/attach.yaml), or configure Dask's "
+                "distributed.comm.tls",
+            )  # fmt: skip
         for name, path in self._files().items():
             if path is not None and not Path(path).is_file():
                 raise UsageError("A certificate of the cluster profile is missing", f"{path} ({name})", "a PEM file")
@@ -58,3 +65,11 @@ class AttachLauncher:
             require_encryption=True, tls_ca_file=files["ca_file"],
             tls_client_cert=files["cert_file"], tls_client_key=files["key_file"],
         )  # fmt: skip
+
+
+def _configured() -> bool:
+    """Whether Dask's own configuration names certificates."""
+    import dask
+    import distributed  # noqa: F401 - it loads the configuration's defaults
+
+    return bool(dask.config.get("distributed.comm.tls.ca-file", None))

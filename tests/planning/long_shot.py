@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 
-from yesnt.core.shot import DecomposeInput, GBufferInput, Job, LightInput, PathInput, PlateInput, Shot, TemporalInput
+from yesnt.core.shot import DecomposeInput, GBufferInput, Job, LightInput, PlateInput, ProxyInput, Shot, TemporalInput
 from yesnt.planning.chunks import Extent, plan_chunks
 from yesnt.planning.shot_plan import ShotPlan
 from yesnt.temporal import EnergyParams
@@ -15,7 +15,7 @@ def long_plan(frames: int, size: tuple[int, int] = (64, 48), step: int = 1, **te
     shot = Shot(
         version=1, name="long", frames="1", camera="camera.json",
         plate=PlateInput(path="plate.####.exr"), gbuffer=GBufferInput(path="gbuffer.####.exr"),
-        light=LightInput(path="light.exr"), proxy=PathInput(path="proxy.####.ply"),
+        light=LightInput(path="light.exr"), proxy=ProxyInput(path="proxy.####.ply"),
         decompose=DecomposeInput(path="material.####.exr"), temporal=TemporalInput(**temporal),
     )  # fmt: skip
     width, height = size

@@ -26,6 +26,7 @@ from yesnt.core.shot import (
     LightInput,
     MaterialInput,
     PlateInput,
+    ProxyInput,
     QuantityInput,
 )
 from yesnt.core.shot import TemporalInput as Temporal
@@ -45,6 +46,7 @@ SETTINGS: dict[str, tuple[type, ...]] = {
     "evidence": (
         PlateInput,
         GBufferInput,
+        ProxyInput,
         CaptureInput,
         CaptureCameras,
         EvidenceInput,
@@ -53,7 +55,7 @@ SETTINGS: dict[str, tuple[type, ...]] = {
     ),
     "confidence": (Temporal,),
     "solve": (Temporal, EnergyParams),
-    "relight": (PlateInput, GBufferInput, LightInput, CaptureInput, RelightSettings),
+    "relight": (PlateInput, GBufferInput, ProxyInput, LightInput, CaptureInput, RelightSettings),
     "composite": (ExrOutput, PlateInput),
 }
 """The sections and records whose changed values enter the keys of a stage."""

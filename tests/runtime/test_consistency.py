@@ -18,6 +18,9 @@ import yaml
 from tests.cases.shots import check, stored, write
 from yesnt.core.camera import Camera
 from yesnt.io.embedded_shot import SHOT
+from yesnt.io.mesh import read_proxy
+from yesnt.runtime.preflight import resolve
+from yesnt.runtime.session import Session
 
 FRAME = 1008
 Planes = dict[str, np.ndarray]
@@ -75,17 +78,17 @@ LIGHT = {name: plane[:, : plane.shape[1] // 2].copy() for name, plane in planes_
 
 PICTURES: dict[str, tuple[dict[str, Planes], str]] = {
     "normals flipped": (normals(lambda n: -n), "0% of the normals face the camera .*flipped"),
-    "normals in 0 to 1": (normals(lambda n: n / 2 + 0.5), "would be .* if they were decoded as 2 N - 1: they"),
-    "normals of the camera": (normals(lambda n: n @ ROTATION), r"if the job said `normal_space: camera` \("),
+    "normals in 0 to 1": (normals(lambda n: n / 2 + 0.5), "would be .* if the job said `normal_range: unsigned`"),
+    "normals of the camera": (normals(lambda n: n @ ROTATION), "if the job said `normal_space: camera`$"),
     "normals of OpenGL's camera": (normals(lambda n: n @ ROTATION * AXES), "job said `normal_space: camera_opengl`"),
     "normals in 0 to 1 of OpenGL's camera": (
-        normals(lambda n: n @ ROTATION * AXES / 2 + 0.5), "as 2 N - 1 and read by `normal_space: camera_opengl`",
+        normals(lambda n: n @ ROTATION * AXES / 2 + 0.5), "`normal_range: unsigned` and `normal_space: camera_opengl`",
     ),
-    "normals of a Y-up world": (normals(lambda n: n[..., [0, 2, 1]] * [1, 1, -1]), "were turned from a Y-up world"),
+    "normals of a Y-up world": (normals(lambda n: n[..., [0, 2, 1]] * [1, 1, -1]), "said `normal_space: world_y_up`"),
     "distance along the ray": (depth(lambda z: z * SLANT), r"distance along the ray \(10\d%.*say `z_kind: ray`"),
     "inverse depth": (depth(lambda z: 1 / z), r"depth grows where .* it falls at \d+%.*`z_kind: inverse`"),
     "depth in millimetres": (depth(lambda z: z * 1000), r"subject is \d+ m large"),
-    "depth in centimetres": (depth(lambda z: z * 100), r"would be 100% if the G-buffer said `units: cm`"),
+    "depth in centimetres": (depth(lambda z: z * 100), r"would be 100% if the job said `units: cm` of the G"),
     "a plate three stops too bright": (plate(8.0), r"\d\d% of the covered pixels are brighter than a white surface"),
     "a plate four stops too dark": (plate(1 / 16), "99 % of the covered pixels would reflect less than 0.049 "),
     "alpha in 0 to 255": (plate(1.0, 255), r"Alpha goes up to 255\."),
@@ -117,6 +120,8 @@ CONVERTED: dict[str, tuple[dict[str, Planes], dict[str, str]]] = {
     "millimetres": (depth(lambda z: z * 1000), {"units": "mm"}),
     "normals of the camera": (normals(lambda n: n @ ROTATION), {"normal_space": "camera"}),
     "normals of OpenGL's camera": (normals(lambda n: n @ ROTATION * AXES), {"normal_space": "camera_opengl"}),
+    "normals of a Y-up world": (normals(lambda n: n[..., [0, 2, 1]] * [1, 1, -1]), {"normal_space": "world_y_up"}),
+    "normals in 0 to 1": (normals(lambda n: n / 2 + 0.5), {"normal_range": "unsigned"}),
 }
 
 
@@ -135,6 +140,31 @@ def test_what_the_job_states_is_converted(tmp_path: Path, kind: str) -> None:
 )
 def test_a_wrong_statement_is_reported(tmp_path: Path, gbuffer: dict[str, str], message: str) -> None:
     assert message in reported(write_frame(tmp_path / "s", gbuffer=gbuffer))
+
+
+def write_proxy(folder: Path, change: Callable[[np.ndarray], np.ndarray]) -> None:
+    mesh = trimesh.load(folder / f"proxy.{FRAME}.ply", process=False)
+    mesh.vertices = change(np.asarray(mesh.vertices))
+    mesh.export(folder / f"proxy.{FRAME}.ply")
+
+
+def test_proxies_in_other_units_and_axes_are_converted(tmp_path: Path) -> None:
+    plain = write_frame(tmp_path / "plain")
+    folder = write_frame(tmp_path / "s", proxy={"units": "mm", "up": "y"})
+    write_proxy(folder, lambda v: v[:, [0, 2, 1]] * [1000, 1000, -1000])
+    assert reported(folder) == ""
+    job, same = resolve(folder).job, resolve(plain).job
+    np.testing.assert_allclose(read_proxy(job, FRAME).vertices, read_proxy(same, FRAME).vertices, atol=1e-5)
+
+
+def test_what_a_proxy_is_said_to_be_enters_the_keys_of_relighting(tmp_path: Path) -> None:
+    keys = []
+    for name, said in (("a", {}), ("b", {"units": "m", "up": "z"}), ("c", {"units": "cm"})):
+        graph = Session(write_frame(tmp_path / name, proxy=said)).graph()
+        keys.append({node.stage.name: node.key for node in graph if node.stage.name in ("decompose", "relight")})
+    assert keys[0] == keys[1]
+    assert keys[0]["decompose"] == keys[2]["decompose"]
+    assert keys[0]["relight"] != keys[2]["relight"]
 
 
 def write_camera(folder: Path, change: Callable[[np.ndarray], np.ndarray]) -> None:
@@ -157,13 +187,12 @@ def test_a_wrong_camera_is_reported(tmp_path: Path, change: Callable[[np.ndarray
 
 @pytest.mark.parametrize(("change", "message"), [
     (lambda v: np.add(v, [0.5, 0, 0]), r"proxy lies where depth says at \d+%"),
-    (lambda v: v * 100, "would be .* if the proxy were scaled from cm"),
-    (lambda v: v[:, [0, 2, 1]] * [1, 1, -1], "if the proxy were turned from a Y-up world"),
+    (lambda v: v / 100, "if the proxy were 100 times as large"),
+    (lambda v: v * 100, "would be .* if the job said `units: cm` of the proxy"),
+    (lambda v: v[:, [0, 2, 1]] * [1, 1, -1], "if the job said `up: y` of the proxy"),
     (lambda v: v * [0, 0, 1], "100 % of the proxy's triangles have no area"),
 ])  # fmt: skip
 def test_a_wrong_proxy_is_reported(tmp_path: Path, change: Callable[[np.ndarray], np.ndarray], message: str) -> None:
     folder = write_frame(tmp_path / "s")
-    mesh = trimesh.load(folder / f"proxy.{FRAME}.ply", process=False)
-    mesh.vertices = change(np.asarray(mesh.vertices))
-    mesh.export(folder / f"proxy.{FRAME}.ply")
+    write_proxy(folder, change)
     assert re.search(message, reported(folder))

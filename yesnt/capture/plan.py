@@ -14,7 +14,7 @@ from yesnt.core.shot import Job
 from yesnt.decompose.settings import keyframe_after
 from yesnt.io.cameras import CalibratedCamera, read_cameras
 from yesnt.io.jobfile import frame_path
-from yesnt.io.mesh import read_mesh
+from yesnt.io.mesh import read_proxy
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ def plan_capture(job: Job, plate: Camera) -> CapturePlan:
     assert job.shot.proxy is not None, "the job file's check"
     file = frame_path(job.root, capture.cameras, 0)
     cameras = read_cameras(file)
-    vertices = read_mesh(frame_path(job.root, job.shot.proxy.path, frames[0])).vertices
+    vertices = read_proxy(job, frames[0]).vertices
     centre = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
     positions = sorted({keyframe_after(p, len(frames), evidence.every) for p in range(len(frames))})
     seeing = {frames[p]: cameras_that_see(cameras, frames[p], vertices, str(file)) for p in positions}

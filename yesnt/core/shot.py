@@ -59,13 +59,15 @@ class GBufferInput(Part):
 
     Depth is planar, the distance along the ray, or the inverse of planar depth (`z_kind`). Normals of a camera are in
     OpenCV's axes (y down, z away from the viewer) or in OpenGL's, Blender's and Nuke's (y up, z towards the viewer).
+    Those of a Y-up world are turned, (x, y, z) to (x, -z, y). Unsigned ones are stored as (N + 1) / 2.
     """
 
     path: str
     z: str = "depth.Z"
     normal: str = "N"
     view: str | None = None
-    normal_space: Literal["world", "camera", "camera_opengl"] = "world"
+    normal_space: Literal["world", "world_y_up", "camera", "camera_opengl"] = "world"
+    normal_range: Literal["signed", "unsigned"] = "signed"
     z_kind: Literal["planar", "ray", "inverse"] = "planar"
     units: Literal["m", "cm", "mm"] = "m"
 
@@ -145,10 +147,12 @@ class CaptureInput(_Map):
         return self
 
 
-class PathInput(Part):
-    """A file sequence and nothing else."""
+class ProxyInput(Part):
+    """A sequence of meshes, in the world of the camera or in units and axes that are said."""
 
     path: str
+    units: Literal["m", "cm", "mm"] = "m"
+    up: Literal["z", "y"] = "z"
 
 
 class QuantityInput(Part):
@@ -318,7 +322,7 @@ class Shot(Part):
     light: LightInput
     capture_light: CaptureInput | None = None
     background: PlateInput | None = None
-    proxy: PathInput | None = None
+    proxy: ProxyInput | None = None
     decompose: DecomposeInput = DecomposeInput()
     materials: Annotated[tuple[MaterialInput, ...], Field(strict=False)] = ()
     capture: CaptureCameras | None = None

@@ -8,7 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from yesnt.core.camera_axes import UNITS
 from yesnt.core.errors import JobError
+from yesnt.core.shot import Job
+from yesnt.io.jobfile import frame_path
 
 MAX_MESH_BYTES = 1 << 30
 SUFFIXES = (".ply", ".obj", ".stl")
@@ -20,6 +23,21 @@ class Mesh:
 
     vertices: NDArray[np.float32]
     faces: NDArray[np.int32]
+
+
+def read_proxy(job: Job, frame: int) -> Mesh:
+    """The proxy of a frame in metres of the Z-up world, as the job says what its file holds.
+
+    Raises:
+        JobError: as `read_mesh`.
+    """
+    spec = job.shot.proxy
+    assert spec is not None, "the caller's check"
+    mesh = read_mesh(frame_path(job.root, spec.path, frame))
+    if (spec.units, spec.up) == ("m", "z"):
+        return mesh
+    turned = mesh.vertices[:, [0, 2, 1]] * np.array([1, -1, 1], np.float32) if spec.up == "y" else mesh.vertices
+    return Mesh(np.ascontiguousarray(turned * np.float32(UNITS[spec.units])), mesh.faces)
 
 
 def read_mesh(path: Path) -> Mesh:

@@ -27,7 +27,7 @@ from yesnt.io.color_statements import Statement
 from yesnt.io.fact_cache import FactCache
 from yesnt.io.job_colors import check_statement, first_statements
 from yesnt.io.jobfile import correction_patterns, frame_path, frames_on_disk, pass_files
-from yesnt.io.mesh import read_mesh
+from yesnt.io.mesh import read_proxy
 from yesnt.io.output import OutputFolder
 from yesnt.io.pictures.describe import alpha_warnings, describe_raster, describe_reads, raster_warnings
 from yesnt.io.pictures.image import read_header
@@ -151,7 +151,7 @@ class InputChecks:
         plate = shot_inputs.read_plate(job, frame, working=True)
         surface = shot_inputs.read_surface(job, frame, self._camera)
         if job.shot.proxy:
-            read_mesh(frame_path(job.root, job.shot.proxy.path, frame))
+            read_proxy(job, frame)
         samples = job.shot.decompose.samples_backend
         inside = None if samples else shot_inputs.stored_passes(job, frame)[0][:, plate.matte > 0]
         if job.shot.flow.path and frame != job.frames[-1]:
@@ -215,10 +215,11 @@ class InputChecks:
         }  # fmt: skip
         patterns |= pass_files(shot.decompose) | correction_patterns(shot)
         files = {role: self._digests[str(frame_path(job.root, p, frame))] for role, p in patterns.items() if p}
+        sections = shot.plate, shot.matte, shot.background, shot.gbuffer, shot.proxy
         return {
             "check": "frame", "code": code_digest(), "files": files, "frame": frame,
             "window": str(job.window), "display": job.display_size,
-            "reads": [s.model_dump(mode="json") for s in (shot.plate, shot.matte, shot.background, shot.gbuffer) if s],
+            "reads": [section.model_dump(mode="json") for section in sections if section],
             "colors": [asdict(getattr(job.colors, role)) for role in ("plate_working", "background")],
             "stated": [asdict(self._statements[role]) for role in ("plate", "background") if role in self._statements],
             "corrects": corrections_of(shot),

@@ -151,9 +151,9 @@ class TaskInputs:
         """The proxy mesh of the node's frame, or None if the job names none."""
         if self._job.shot.proxy is None:
             return None
-        from yesnt.io.mesh import read_mesh
+        from yesnt.io.mesh import read_proxy
 
-        mesh = read_mesh(frame_path(self._job.root, self._job.shot.proxy.path, self._node.frames[0]))
+        mesh = read_proxy(self._job, self._node.frames[0])
         self._prove("proxy", self._job.shot.proxy.path)
         return mesh
 

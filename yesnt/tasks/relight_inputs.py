@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from yesnt.core.camera import Camera
 from yesnt.core.shot import Job
 from yesnt.io import shot_inputs
-from yesnt.io.jobfile import frame_path
-from yesnt.io.mesh import read_mesh
+from yesnt.io.mesh import read_proxy as read_mesh_of
 from yesnt.relight import FrameInputs, PreparedLight, ProxyScene, RelightSettings, RelitFrame, Surface, relight_frame
 
 if TYPE_CHECKING:
@@ -70,7 +69,7 @@ def relight(
 
 def read_proxy(job: Job, frame: int) -> Mesh | None:
     """The proxy mesh of a frame, vertices in world metres; None if the job names none."""
-    return None if job.shot.proxy is None else read_mesh(frame_path(job.root, job.shot.proxy.path, frame))
+    return None if job.shot.proxy is None else read_mesh_of(job, frame)
 
 
 def proxy_scene(mesh: Mesh | None, kind: type[P]) -> P | None:

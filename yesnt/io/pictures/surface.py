@@ -37,7 +37,11 @@ def planar_z(stored: F32, spec: GBufferInput, camera: Camera, frame: int) -> F32
 
 def world_normals(stored: F32, spec: GBufferInput, camera: Camera, frame: int) -> F32:
     """Normals [H, W, 3] as stored in a file, to world space; lengths are kept."""
-    if spec.normal_space != "world":
+    if spec.normal_range == "unsigned":
+        stored = 2 * stored - 1
+    if spec.normal_space == "world_y_up":
+        stored = stored[..., [0, 2, 1]] * np.array([1, -1, 1], np.float32)
+    elif spec.normal_space != "world":
         to_opencv = AXES["opengl" if spec.normal_space == "camera_opengl" else "opencv"]
         stored = stored @ (camera.pose(frame)[:3, :3] * to_opencv).T.astype(np.float32)
     return stored.astype(np.float32)

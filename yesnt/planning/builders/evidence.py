@@ -61,6 +61,7 @@ def _settings(plan: ShotPlan, frame: int) -> SharedSettings:
         capture=changed_keys(capture, {"path"}) if capture else None,
         pictures=changed_keys(shot.captured, {"cameras", "images", "mattes"}),
         gbuffer=changed_keys(shot.gbuffer, {"path"}),
+        proxy=changed_keys(shot.proxy, {"path"}) if shot.proxy else None,
         **plan.plate_settings | {"color": colors.digests("plate_working", "capture_light", "capture")},
         working=changed_keys(shot.color, {"config", "output", "view"}),
     )

@@ -47,6 +47,7 @@ def _settings(shot: Shot, light: LightInput, capture: CaptureInput | None, plate
         light=changed_keys(light, {"path"}),
         capture=changed_keys(capture, {"path"}) if capture else None,
         gbuffer=changed_keys(shot.gbuffer, {"path"}),
+        proxy=changed_keys(shot.proxy, {"path"}) if shot.proxy else None,
         **plate,
     )
 

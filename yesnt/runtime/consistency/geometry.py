@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from yesnt.core.shot import GBufferInput
 from yesnt.runtime.consistency.sample import LEAST, Sample
 
 F64 = NDArray[np.float64]
@@ -96,31 +97,41 @@ def ray_share(sample: Sample) -> tuple[float, float]:
     return share, max(before / max(after, 1e-12), 1.0)
 
 
-def hypotheses(sample: Sample, space: str) -> dict[str, F64]:
-    """Normals [P, 3] in camera axes as they would be after one usual mistake, by what mends it.
+def hypotheses(sample: Sample, spec: GBufferInput) -> dict[str, F64]:
+    """Normals [P, 3] in camera axes as they would be if the job, or camera.json, said something else; by what it said.
 
     Args:
         sample: with normals as the job says.
-        space: the job's `normal_space`, of which they were read.
+        spec: the G-buffer's section of the job, by which they were read.
     """
-    rotation, seen, opengl = sample.pose[:3, :3], sample.normal, np.array([1.0, -1.0, -1.0])
-    stored = {"world": seen @ rotation.T, "camera": seen, "camera_opengl": seen * opengl}[space]
-    decoded = 2 * stored - 1
-    y_up = stored[:, [0, 2, 1]] * [1.0, -1.0, 1.0]
-    found = {
-        "they were flipped: they point into the surface": -seen,
-        "they were decoded as 2 N - 1: they are stored in 0 to 1": {
-            "world": decoded @ rotation, "camera": decoded, "camera_opengl": decoded * opengl
-        }[space],
-        "the job said `normal_space: camera` (OpenCV's axes)": stored,
-        "the job said `normal_space: camera_opengl` (y up, z towards the viewer)": stored * opengl,
-        "they were decoded as 2 N - 1 and read by `normal_space: camera_opengl`": decoded * opengl,
-    }  # fmt: skip
-    if space == "world":
-        found |= {
-            'camera.json said `"axes": "opengl"` (the camera looks along its -z)': seen * opengl,
-            "they were turned from a Y-up world, (x, y, z) to (x, -z, y)": y_up @ rotation,
+    rotation, opengl = sample.pose[:3, :3], np.array([1.0, -1.0, -1.0])
+    stored = _stored(sample, spec)
+    ranges = {"signed": stored, "unsigned": 2 * stored - 1}
+    found = {"they were flipped: they point into the surface": -sample.normal}
+    if spec.normal_space.startswith("world"):
+        found['camera.json said `"axes": "opengl"` (the camera looks along its -z)'] = sample.normal * opengl
+    for name, values in ranges.items():
+        spaces = {
+            "world": values @ rotation,
+            "world_y_up": values[:, [0, 2, 1]] * [1.0, -1.0, 1.0] @ rotation,
+            "camera": values,
+            "camera_opengl": values * opengl,
         }
-    else:
-        found["the job said `normal_space: world`"] = stored @ rotation
+        for space, normal in spaces.items():
+            changes = {"normal_range": name, "normal_space": space}
+            said = [f"`{key}: {value}`" for key, value in changes.items() if value != getattr(spec, key)]
+            if said:
+                found[f"the job said {' and '.join(said)}"] = normal
     return found
+
+
+def _stored(sample: Sample, spec: GBufferInput) -> F64:
+    """Normals [P, 3] as the file has them."""
+    world = sample.world_normal
+    stored = {
+        "world": world,
+        "world_y_up": world[:, [0, 2, 1]] * [1.0, 1.0, -1.0],
+        "camera": sample.normal,
+        "camera_opengl": sample.normal * [1.0, -1.0, -1.0],
+    }[spec.normal_space]
+    return (stored + 1) / 2 if spec.normal_range == "unsigned" else stored

@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 
 from yesnt.core.camera import Camera
-from yesnt.core.shot import Job
+from yesnt.core.shot import GBufferInput, Job
 from yesnt.io import shot_inputs
-from yesnt.io.jobfile import frame_path
-from yesnt.io.mesh import read_mesh
+from yesnt.io.mesh import read_proxy
 from yesnt.relight import EnvMap, ProxyScene
 from yesnt.runtime.consistency import exposure, proxy
 from yesnt.runtime.consistency.geometry import agreement, hypotheses, ray_share
@@ -29,19 +28,19 @@ def measure_frame(job: Job, frame: int, camera: Camera) -> dict[str, Any]:
     sample = take_sample(camera, frame, plate, surface)
     if len(sample.z) < LEAST:
         return {}
-    facts = _normals(sample, job.shot.gbuffer.normal_space)
+    facts = _normals(sample, job.shot.gbuffer)
     share, gain = ray_share(sample)
     facts |= {"ray": _known(share), "ray_gain": gain, "extent": sample.extent}
     spec = job.shot.capture_light
     estimated = spec is not None and spec.path is None
     facts |= _brightness(sample, frame_map(job, None if estimated else spec, frame))
     if job.shot.proxy is not None and (sample.z > 0).sum() >= LEAST:
-        mesh = read_mesh(frame_path(job.root, job.shot.proxy.path, frame))
+        mesh = read_proxy(job, frame)
         facts["proxy"] = _proxy(ProxyScene.from_arrays(mesh.vertices, mesh.faces), sample)
     return facts
 
 
-def _normals(sample: Sample, space: str) -> dict[str, Any]:
+def _normals(sample: Sample, spec: GBufferInput) -> dict[str, Any]:
     length = np.linalg.norm(sample.normal, axis=1)
     found = agreement(sample, sample.normal)
     facts: dict[str, Any] = {
@@ -49,7 +48,7 @@ def _normals(sample: Sample, space: str) -> dict[str, Any]:
         "facing": _known(found.facing), "along": _known(found.along), "mends": {},
     }  # fmt: skip
     if found.facing < GOOD or found.along < SLOPES:
-        tried = {mend: agreement(sample, normal) for mend, normal in hypotheses(sample, space).items()}
+        tried = {mend: agreement(sample, normal) for mend, normal in hypotheses(sample, spec).items()}
         facts["mends"] = {mend: [one.share, one.misfit] for mend, one in tried.items()}
     return facts
 

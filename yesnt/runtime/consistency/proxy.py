@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from yesnt.core.camera_axes import UNITS
 from yesnt.relight import ProxyScene
 from yesnt.runtime.consistency.sample import Sample
 
@@ -14,9 +15,6 @@ F64 = NDArray[np.float64]
 
 NEAR = 0.03
 """Difference of proxy and depth, of the depth, within which they agree: 10 cm of an actor 3 m away."""
-
-SCALES = {"mm": 0.001, "cm": 0.01, "100 m": 100.0, "km": 1000.0}
-"""Metres of one unit, of units in which a proxy may be by mistake."""
 
 _Z_UP_TO_Y_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 
@@ -68,11 +66,11 @@ def degenerate_share(scene: ProxyScene) -> float:
 def hypotheses(scene: ProxyScene, sample: Sample) -> dict[str, tuple[float, float]]:
     """Share of agreeing and of other pixels after one usual mistake is mended, by what mends it."""
     found = {
-        f"the proxy were scaled from {unit}": compare(scene, sample, scale).agree for unit, scale in SCALES.items()
+        f"the job said `units: {unit}` of the proxy": compare(scene, sample, UNITS[unit]).agree for unit in ("cm", "mm")
     }
-    found["the proxy were turned from a Y-up world, (x, y, z) to (x, -z, y)"] = compare(
-        scene, sample, 1, _Z_UP_TO_Y_UP
-    ).agree
+    for factor in (100, 1000):
+        found[f"the proxy were {factor} times as large"] = compare(scene, sample, factor).agree
+    found["the job said `up: y` of the proxy"] = compare(scene, sample, 1, _Z_UP_TO_Y_UP).agree
     for unit, scale in (("cm", 0.01), ("mm", 0.001)):
-        found[f"the G-buffer said `units: {unit}`"] = compare(scene, sample.scaled(scale)).agree
+        found[f"the job said `units: {unit}` of the G-buffer"] = compare(scene, sample.scaled(scale)).agree
     return {mend: (share, 1 - share) for mend, share in found.items()}

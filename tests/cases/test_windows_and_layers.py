@@ -9,7 +9,6 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from tests.cases.marks import until_files_are_read
 from tests.cases.shots import (
     FRAME,
     HEIGHT,
@@ -91,11 +90,10 @@ def test_a_data_window_beyond_the_display_window_is_placed(tmp_path: Path) -> No
     assert wrong_matte_pixels(folder) == 0
 
 
-@until_files_are_read()
 def test_a_crop_of_the_display_window_is_padded(tmp_path: Path) -> None:
     folder = write_shot(tmp_path / "s")
-    crop = {name: plane[8:40, 16:48] for name, plane in rgba(0.5, SPHERE.matte).items()}
-    write(folder / PLATE, crop, dataWindow=window(16, 8, 32, 32), **display_window())
+    crop = {name: plane[4:44, 12:52] for name, plane in rgba(0.5, SPHERE.matte).items()}
+    write(folder / PLATE, crop, dataWindow=window(12, 4, 40, 40), **display_window())
     assert wrong_matte_pixels(folder) == 0
 
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -24,10 +25,12 @@ MAX_CHANNELS = 4096
 MAX_PARTS = 1024
 """Most parts of one file."""
 
-FEW = 4
-"""One in so many of a plain EXR's channels: for fewer, OpenImageIO, which reads a range of channels, is faster."""
+WHOLE = 64
+"""Bytes of a pixel up to which a plain EXR is decoded whole, in less time than OpenImageIO takes for four of its
+channels (tests/benchmarks/read_pictures.py); of larger ones, such as 200 layers, only what is needed is kept."""
 
-_PLAIN = {"half", "float"}
+_PLAIN = MappingProxyType({"half": 2, "float": 4})
+"""Bytes of the pixel types of plain EXRs."""
 
 F32 = NDArray[np.float32]
 Planes = Mapping[str, F32]
@@ -76,7 +79,12 @@ class ImageHeader:
     def plain(self) -> bool:
         """Whether it is what nearly every renderer writes: one part of half or float scan lines."""
         flat = not (self.deep or self.tiled) and self.parts == 1
-        return self.format == "openexr" and flat and set(self.kinds) <= _PLAIN
+        return self.format == "openexr" and flat and set(self.kinds) <= set(_PLAIN)
+
+    @property
+    def pixel_bytes(self) -> int:
+        """Bytes of a pixel of a plain EXR."""
+        return sum(_PLAIN[kind] for kind in self.kinds)
 
 
 @dataclass(frozen=True)
@@ -144,7 +152,7 @@ def read_channels(header: ImageHeader, names: Sequence[str]) -> dict[str, F32]:
             "flatten it, in Nuke with DeepToImage, or render it flat",
         )  # fmt: skip
     planes = None
-    if header.plain and len(names) * FEW >= len(header.channels):
+    if header.plain and header.pixel_bytes <= WHOLE:
         planes = _scanlines(header, names)
     return _any_pixels(header, names) if planes is None else planes
 

@@ -13,7 +13,9 @@ from tests.in_process import run_here
 from yesnt.inspect.forecast import forecast
 from yesnt.io.store import FrameStore
 from yesnt.planning.stages import CORRECT, SOLVE
+from yesnt.runtime.clamps import clamp_lines
 from yesnt.runtime.session import Session
+from yesnt.tasks.correct import SCALED_BEYOND
 
 SEEN = sphere()
 HALF = np.zeros_like(SEEN.matte)
@@ -57,6 +59,13 @@ def test_a_changed_override_samples_nothing_again(tmp_path: Path) -> None:
     assert (todo["decompose"], todo["flow"], todo["correct"], todo["relight"]) == (0, 0, 2, 2)
     write(folder / "half.exr", {"Y": HALF * 0.5})
     assert {row.stage: row.todo for row in forecast(Session(folder)).stages}["decompose"] == 0
+
+
+def test_what_a_scale_takes_above_1_is_told_after_the_run(tmp_path: Path) -> None:
+    entries = [{"mask": "half.exr", "roughness": {"scale": 3}}]
+    session = run_here(corrected_shot(tmp_path / "s", materials=entries), "correct")
+    lines = clamp_lines(FRAMES, session.graph(), session.open_index())
+    assert lines == [f"{SCALED_BEYOND}: {2 * int(INSIDE.sum()):,} in 2 frames"]
 
 
 def test_neighbours_do_not_lower_the_confidence_of_what_is_given(tmp_path: Path) -> None:

@@ -7,9 +7,9 @@ from collections.abc import Iterable
 
 from yesnt.io.record_index import RecordIndex
 from yesnt.planning.graph import Graph
-from yesnt.planning.stages import COMPOSITE, RELIGHT
+from yesnt.planning.stages import COMPOSITE, CORRECT, RELIGHT
 
-CLAMPING = (RELIGHT, COMPOSITE)
+CLAMPING = (CORRECT, RELIGHT, COMPOSITE)
 """Stages whose records count what was clamped (`facts["clamped"]`)."""
 
 

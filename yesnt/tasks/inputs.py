@@ -17,7 +17,7 @@ from yesnt.core.camera import Camera
 from yesnt.core.errors import JobError
 from yesnt.core.shot import Job
 from yesnt.io import shot_inputs
-from yesnt.io.corrections import CorrectionFacts, read_overrides
+from yesnt.io.corrections import read_overrides
 from yesnt.io.file_digests import file_digest
 from yesnt.io.jobfile import correction_patterns, frame_path, pass_files
 from yesnt.io.pictures.shot_raster import for_raster
@@ -126,9 +126,9 @@ class TaskInputs:
             self._prove(name, pattern)
         return found
 
-    def overrides(self, matte: NDArray[np.float32]) -> tuple[list[Override], CorrectionFacts]:
+    def overrides(self, matte: NDArray[np.float32]) -> list[Override]:
         """Corrections of the materials of the node's frame, whose matte [H, W] this is."""
-        found = read_overrides(self._job, self._node.frames[0], matte)
+        found, _ = read_overrides(self._job, self._node.frames[0], matte)
         for role, pattern in correction_patterns(self._job.shot).items():
             self._prove(role, pattern)
         return found

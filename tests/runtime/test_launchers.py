@@ -514,3 +514,15 @@ def test_this_machines_gpus_get_a_process_each(monkeypatch: pytest.MonkeyPatch) 
         seen = client.run(os.getenv, "CUDA_VISIBLE_DEVICES")
     offered = {seen[address]: worker["resources"] for address, worker in workers.items()}
     assert offered == {"3,5": {"CPU": 1.0}, "3": {"GPU": 1.0}, "5": {"GPU": 1.0}}
+
+
+def test_plan_refuses_a_gpu_job_for_a_profile_without_gpus(
+    tiny_shot: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from yesnt.cli.app import plan
+
+    monkeypatch.setattr("yesnt.runtime.session.needs_gpu", lambda shot: True)
+    path = written(tmp_path, **SSH, command=["sh"])
+    with pytest.raises(UsageError, match=r"made for a GPU, and the cluster has no GPU workers.*section `gpu:`"):
+        plan(tiny_shot, cluster=path)
+    assert not (tiny_shot.parent / "out" / "run").exists()

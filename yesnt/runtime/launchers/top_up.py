@@ -13,7 +13,8 @@ from typing import Generic, Protocol, TypeVar
 from yesnt.core.errors import ClusterLostError, YesntError
 from yesnt.runtime.launchers.worker_command import WorkerGroup
 
-POLL_SECONDS = 5.0
+POLL_SECONDS = 10.0
+"""Often enough for a farm of busy workers, rarely enough for its controller."""
 
 FAILED_STARTS = 3
 """Groups of one slot that end in a row, none of whose workers joined, before the cluster counts as unusable."""

@@ -237,3 +237,36 @@ def test_plan_says_what_is_read_and_how_the_pixels_lie(tmp_path: Path) -> None:
     assert "normals: N.X, N.Y, N.Z" in reads
     windows = "data window 12x10 at (-2, -1), display window 8x8 at (0, 0)"
     assert f"pixels: {windows}: all of the data is relit and delivered" in reads
+
+
+def test_where_the_display_window_lies_does_not_matter(tmp_path: Path) -> None:
+    found = []
+    for left, top in ((0, 0), (10, 20)):
+        folder = write_shot(tmp_path / str(left), size=(8, 8))
+        write(folder / "light.exr", sky(np.random.default_rng(0).random((16, 32, 3)).astype(np.float32)))
+        write(folder / PLATE, rgba(0, np.zeros((10, 12))), dataWindow=window(left - 2, top - 1, 12, 10),
+              displayWindow=window(left, top, 8, 8))  # fmt: skip
+        found.append(delivered(deliver(folder)))
+    assert found[1].header["dataWindow"] == ((8, 19), (19, 28))
+    np.testing.assert_array_equal(found[0].planes["G"], found[1].planes["G"])
+
+
+def test_a_camera_of_a_cropped_data_window_is_taken_so(tmp_path: Path) -> None:
+    folder = write_shot(tmp_path / "s", size=(8, 8))
+    write(folder / "light.exr", sky(np.random.default_rng(0).random((16, 32, 3)).astype(np.float32)))
+    whole = delivered(deliver(folder)).planes["G"]
+    crop = {name: plane[2:6, 3:8] for name, plane in rgba(0.5, sphere(8, 8).matte).items()}
+    write(folder / PLATE, crop, dataWindow=window(3, 2, 5, 4), displayWindow=window(0, 0, 8, 8))
+    document = json.loads((folder / "camera.json").read_text())
+    write_json(folder / "camera.json", document | {"width": 5, "height": 4, "cx": 4 - 3, "cy": 4 - 2})
+    outside = sphere(8, 8).matte == 0
+    np.testing.assert_array_equal(delivered(deliver(folder)).planes["G"][outside], whole[outside])
+
+
+def test_a_cropped_plate_without_alpha_covers_its_data_window(tmp_path: Path) -> None:
+    folder = write_shot(tmp_path / "s", size=(8, 8))
+    write(folder / PLATE, dict.fromkeys("RGB", np.full((4, 5), 0.5, np.float32)), dataWindow=window(3, 2, 5, 4),
+          displayWindow=window(0, 0, 8, 8))  # fmt: skip
+    expected = np.zeros((8, 8))
+    expected[2:6, 3:8] = 1
+    np.testing.assert_array_equal(read_plate(Session(folder).job, FRAME).matte, expected)

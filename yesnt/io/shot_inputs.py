@@ -29,7 +29,7 @@ from yesnt.io.pictures.passes import (
     find_z,
     labels,
 )
-from yesnt.io.pictures.placed import read_placed
+from yesnt.io.pictures.placed import read_placed, stored_where
 from yesnt.io.pictures.plate_header import carried_attributes
 from yesnt.io.pictures.surface import planar_z, world_normals
 
@@ -217,7 +217,7 @@ def _stored(job: Job, role: Literal["plate", "background"], frame: int) -> _Stor
     planes = read_placed(job, (*found.color, *((found.alpha,) if found.alpha else ())))
     color, alpha = np.stack(planes[:3], axis=-1), planes[3] if found.alpha else None
     coverage = _separate_matte(job, matte_input, frame) if matte_input else alpha
-    matte = np.ones(color.shape[:2], np.float32) if coverage is None else coverage
+    matte = stored_where(job, found.color[0].header) if coverage is None else coverage
     refuse_not_finite(~np.isfinite(matte), headers[0].path, found.label)
     beyond, peak = (matte < 0) | (matte > 1), float(matte.max(initial=0))
     matte = np.clip(matte, 0, 1).astype(np.float32)

@@ -34,6 +34,11 @@ def read_placed(job: Job, channels: Sequence[Channel]) -> list[F32]:
     return [planes[channel.header.part, channel.name] for channel in channels]
 
 
+def stored_where(job: Job, header: ImageHeader) -> F32:
+    """1 where a picture has stored pixels and 0 around its data window, [H, W]: coverage of a picture without alpha."""
+    return place(np.ones((header.height, header.width), np.float32), _on_display(header), job.window)
+
+
 def check_fits(job: Job, header: ImageHeader) -> None:
     """Refuses a picture whose display window is not the shot's, or that is stored turned.
 

@@ -232,7 +232,7 @@ def test_fx_that_does_not_fit_the_aspect_is_reported(tmp_path: Path) -> None:
 def test_plan_says_what_is_read_and_how_the_pixels_lie(tmp_path: Path) -> None:
     folder = write_small(tmp_path / "s", mark=(4, 4))
     reads = forecast(Session(folder)).reads
-    assert "plate: R, G, B, A, premultiplied" in reads
+    assert "plate: R, G, B, A, premultiplied, lin_rec709" in reads
     assert "z: depth.Z" in reads
     assert "normals: N.X, N.Y, N.Z" in reads
     windows = "data window 12x10 at (-2, -1), display window 8x8 at (0, 0)"

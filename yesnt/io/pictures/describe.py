@@ -98,7 +98,7 @@ def alpha_warnings(job: Job) -> Iterator[str]:
 def _color(job: Job, spec: PlateInput, key: str, frame: int) -> str:
     found = find_color(_headers(job, spec.path, frame), spec, key)
     how = f", {association(found, spec)}" if found.alpha else ", no alpha"
-    return f"{_with_part((*found.color, *((found.alpha,) if found.alpha else ())))}{how}"
+    return f"{_with_part((*found.color, *((found.alpha,) if found.alpha else ())))}{how}, {spec.colorspace}"
 
 
 def _with_part(channels: Sequence[Channel]) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from yesnt.core.shot import Scale
+from yesnt.core.material_input import Scale
 from yesnt.decompose.corrections import Override, correct, share_of_subject
 
 ROUGHNESS, METALLIC = 0, 1

@@ -119,9 +119,9 @@ def test_an_unknown_name_is_refused_with_near_names(tmp_path: Path, names: Any) 
 def test_a_name_that_one_frame_lacks_is_used_in_the_others(tmp_path: Path) -> None:
     job = {"materials": [{"cryptomatte": "id.####.exr", "names": ["boots"], "metallic": 1.0}]}
     folder = write_shot(tmp_path / "s", (FRAME, FRAME + 1), **job)
-    for frame, names in ((FRAME, ("belt",)), (FRAME + 1, ("belt", "boots"))):
-        known = metadata("CryptoObject", names)
-        write(folder / f"id.{frame}.exr", layer("CryptoObject00", ranks(PARTS)), **known)
+    for frame, parts in ((FRAME, {"belt": SEEN.matte, "cap": 0 * LEFT}), (FRAME + 1, PARTS)):
+        known = metadata("CryptoObject", tuple(parts))
+        write(folder / f"id.{frame}.exr", layer("CryptoObject00", ranks(parts)), **known)
     assert not check(folder).refusal
 
 
@@ -162,6 +162,16 @@ def test_identifiers_that_are_not_those_of_the_specification_are_refused(
         planes = layer("CryptoObject00", ranks(PARTS, kind))
     write(folder / "id.exr", planes, **metadata("CryptoObject", **changes))
     assert refusal in check(folder).refusal
+
+
+def test_identifiers_that_were_filtered_are_refused(tmp_path: Path) -> None:
+    folder = shot(tmp_path / "s", names=["boots"])
+    planes = ranks(PARTS)
+    planes["R"] = planes["R"] * np.float32(0.99)  # as a resize mixes them
+    write(folder / "id.exr", layer("CryptoObject00", planes), **metadata("CryptoObject"))
+    refusal = check(folder).refusal
+    assert "100% of the identifiers of the Cryptomatte CryptoObject are not in its manifest" in refusal
+    assert "without resizing, filtering or lossy compression" in refusal
 
 
 def test_a_picture_without_a_cryptomatte_is_refused(tmp_path: Path) -> None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections import defaultdict
 
-from yesnt.core.shot import DecomposeInput, GBufferInput, Job, LightInput, PlateInput, ProxyInput, Shot, TemporalInput
+from yesnt.core.material_input import DecomposeInput
+from yesnt.core.shot import GBufferInput, Job, LightInput, PlateInput, ProxyInput, Shot, TemporalInput
 from yesnt.planning.chunks import Extent, plan_chunks
 from yesnt.planning.shot_plan import ShotPlan
 from yesnt.temporal import EnergyParams

@@ -17,17 +17,15 @@ import pytest
 from pydantic import BaseModel
 
 from yesnt.core.capture_input import CaptureCameras, EvidenceInput
+from yesnt.core.material_input import DecomposeInput, MaterialInput, QuantityInput
 from yesnt.core.shot import (
     CaptureInput,
-    DecomposeInput,
     ExrOutput,
     FlowInput,
     GBufferInput,
     LightInput,
-    MaterialInput,
     PlateInput,
     ProxyInput,
-    QuantityInput,
 )
 from yesnt.core.shot import TemporalInput as Temporal
 from yesnt.decompose.evidence.settings import EvidenceSettings

@@ -13,7 +13,8 @@ import pytest
 from tests.in_process import run_here
 from tests.planning.long_shot import long_plan
 from tests.tiny_shot import write_tiny_shot
-from yesnt.core.shot import DecomposeInput, LightInput, Shot, TemporalInput
+from yesnt.core.material_input import DecomposeInput
+from yesnt.core.shot import LightInput, Shot, TemporalInput
 from yesnt.inspect.frame_states import states
 from yesnt.io import jobfile
 from yesnt.io.records import SharedSettings, digest_of, frame_key, key_of

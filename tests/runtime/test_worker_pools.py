@@ -11,7 +11,8 @@ from distributed import Client, LocalCluster, Worker
 
 from tests.fake_tasks import A, B, FakeTask, fake_task
 from yesnt.core.errors import UsageError
-from yesnt.core.shot import DecomposeInput, GBufferInput, Job, LightInput, PlateInput, Shot
+from yesnt.core.material_input import DecomposeInput
+from yesnt.core.shot import GBufferInput, Job, LightInput, PlateInput, Shot
 from yesnt.io.records import RecordBook
 from yesnt.planning.graph import Graph, Node
 from yesnt.planning.resources import needs_gpu, runs_on_gpu

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.core.shot import Scale
+from yesnt.core.material_input import Scale
 from yesnt.decompose.confidence import LARGEST_STD
 
 Float32 = NDArray[np.float32]

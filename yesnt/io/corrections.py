@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.core.errors import JobError
-from yesnt.core.shot import MATERIAL, Job, MaterialInput
+from yesnt.core.material_input import MATERIAL, MaterialInput
+from yesnt.core.shot import Job
 from yesnt.decompose.corrections import Override, share_of_subject
 from yesnt.io.jobfile import frame_path
 from yesnt.io.pictures.coverage import read_coverage

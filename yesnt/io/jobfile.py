@@ -13,7 +13,8 @@ import yaml
 from pydantic import ValidationError
 
 from yesnt.core.errors import JobError, UsageError
-from yesnt.core.shot import DecomposeInput, Shot
+from yesnt.core.material_input import DecomposeInput
+from yesnt.core.shot import Shot
 
 MAX_JOB_BYTES = 1 << 20
 MAX_FRAMES = 1_000_000

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from yesnt.core.camera import Camera
 from yesnt.core.color import straighten
 from yesnt.core.color_spaces import Conversion
-from yesnt.core.shot import MATERIAL, Job, MatteInput
+from yesnt.core.material_input import MATERIAL
+from yesnt.core.shot import Job, MatteInput
 from yesnt.io.jobfile import frame_path, pass_patterns
 from yesnt.io.pictures.association import BEFORE_ENCODING, STRAIGHT, association
 from yesnt.io.pictures.channels import channels_of, named

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from yesnt.core.errors import JobError
-from yesnt.core.shot import Knob, Shot
+from yesnt.core.job_part import Knob
+from yesnt.core.shot import Shot
 
 if TYPE_CHECKING:
     from yesnt.decompose.registry import KnobSpec

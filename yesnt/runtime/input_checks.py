@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from yesnt.core.camera import Camera
 from yesnt.core.job_progress import Progress, no_progress
+from yesnt.core.material_input import MATERIAL
 from yesnt.core.parallel import parallel_map
-from yesnt.core.shot import MATERIAL, Job
+from yesnt.core.shot import Job
 from yesnt.inspect.camera_facts import oddities
 from yesnt.io import env_maps, shot_inputs
 from yesnt.io.color_statements import Statement

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.core.shot import Knob
+from yesnt.core.job_part import Knob
 from yesnt.decompose.identity import identify_backend
 from yesnt.decompose.registry import find_weights, open_backend
 from yesnt.decompose.reuse import Link, Prior, propagate_keyframe

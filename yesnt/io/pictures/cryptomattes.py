@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.core.errors import JobError
-from yesnt.core.shot import Job, MaterialInput
+from yesnt.core.material_input import MaterialInput
+from yesnt.core.shot import Job
 from yesnt.decompose.cryptomatte import coverage, identifier
 from yesnt.io.pictures.channels import ALPHA, RED_GREEN_BLUE, Channel, channels_of, layer_groups
 from yesnt.io.pictures.image import ImageHeader
@@ -32,6 +33,9 @@ HASH, CONVERSION = "MurmurHash3_32", "uint32_to_float32"
 
 _LAYER = re.compile(r"(?P<name>.+?)(?P<rank>\d\d)$")
 _RANKS = {**RED_GREEN_BLUE, "A": ALPHA}
+_MOSTLY, _FOREIGN = 0.5, 0.5
+"""Coverage of a pixel that is looked at, and share of such pixels with unknown identifiers, for `_refuse_damaged`."""
+
 _PIXELS_NAMED = 1e-3
 """Coverage below this is no sign that a thing is in the picture."""
 
@@ -84,6 +88,7 @@ def read_named(job: Job, spec: MaterialInput, headers: Sequence[ImageHeader], ke
     planes = read_placed(job, channels)
     ranks = list(zip(planes[0::2], planes[1::2], strict=True))
     known = chosen.manifest if chosen.manifest is not None else {}
+    _refuse_damaged(ranks[0], known, headers[0].path, chosen.name)
     numbers = {name: known.get(name, identifier(name)) for name in spec.names}
     if chosen.manifest is not None:
         absent = tuple(name for name in spec.names if name not in known)
@@ -209,6 +214,25 @@ def _refuse_rounded(channels: Sequence[Channel]) -> None:
                 f"The Cryptomatte's channel {channel.label} is {kind}: its identifiers are rounded",
                 channel.header.path, "32-bit float", "write the Cryptomatte as 32-bit float, without lossy compression",
             )  # fmt: skip
+
+
+def _refuse_damaged(first: tuple[F32, F32], known: Mapping[str, int], path: str, name: str) -> None:
+    """Refuses identifiers of which most are in no manifest: they were resized, filtered or compressed with loss.
+
+    Raises:
+        JobError: as said.
+    """
+    covered = first[1] > _MOSTLY
+    if not known or not covered.any():
+        return
+    numbers = np.array([0, *known.values()], np.uint32)  # 0 is the background
+    foreign = float((~np.isin(first[0].view(np.uint32)[covered], numbers)).mean())
+    if foreign > _FOREIGN:
+        raise JobError(
+            f"{foreign:.0%} of the identifiers of the Cryptomatte {name} are not in its manifest", path,
+            "identifiers as they were rendered",
+            "render it again, or copy it without resizing, filtering or lossy compression (DWA, PXR24)",
+        )  # fmt: skip
 
 
 def _refuse_other_hash(fields: Mapping[str, Any], path: str) -> None:

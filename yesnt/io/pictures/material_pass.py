@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.core.errors import JobError
-from yesnt.core.shot import Job, QuantityInput
+from yesnt.core.material_input import QuantityInput
+from yesnt.core.shot import Job
 from yesnt.io.jobfile import frame_path
 from yesnt.io.pictures.channels import Channel, channels_of, named
 from yesnt.io.pictures.image import read_headers

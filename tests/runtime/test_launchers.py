@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Collection
+from contextlib import ExitStack
 from pathlib import Path
 
 import psutil
@@ -526,3 +527,16 @@ def test_plan_refuses_a_gpu_job_for_a_profile_without_gpus(
     with pytest.raises(UsageError, match=r"made for a GPU, and the cluster has no GPU workers.*section `gpu:`"):
         plan(tiny_shot, cluster=path)
     assert not (tiny_shot.parent / "out" / "run").exists()
+
+
+def test_evaluation_and_stage_refuse_a_cluster_before_they_work(tmp_path: Path) -> None:
+    from yesnt.capture_stage.tools import Tools
+    from yesnt.measure.evaluation.run import EvalOptions, _Drive
+    from yesnt.runtime.capture_stage_run import CaptureStageContext, run_capture_stage
+
+    with pytest.raises(UsageError, match="'ssh' needs a profile"):
+        _Drive(EvalOptions(cluster="ssh"), lambda event: None, ExitStack())
+    context = CaptureStageContext(str(tmp_path / "out"), Tools.__new__(Tools))
+    with pytest.raises(UsageError, match="must use TLS"):
+        run_capture_stage(["objects"], context, True, ClusterSpec("tcp://10.0.0.1:8786"), lambda event: None)
+    assert not (tmp_path / "out").exists()

@@ -17,6 +17,7 @@ from yesnt.planning.task_records import RenderTask
 from yesnt.runtime.cluster import address_of, dashboard_of, open_cluster
 from yesnt.runtime.driver import Driver, DriverSettings, Outcome
 from yesnt.runtime.launchers.spec import ClusterSpec
+from yesnt.runtime.launchers.table import check_cluster
 from yesnt.tasks.memory import peak_bytes
 from yesnt.workflows.capture_stage import capture_stage_graph
 
@@ -37,15 +38,18 @@ def run_capture_stage(
     """Renders what is missing of some sets; a set that builds on another comes after it.
 
     Raises:
+        UsageError: the cluster cannot be used.
         ClusterLostError: the scheduler vanished; finished pictures stay.
     """
+    where = cluster.of_job(False, Path(context.out) / "run")
+    check_cluster(where)
     graph = capture_stage_graph(set_names, small)
     book = RecordBook(Path(context.out) / "records")
     _forget_damaged(book, graph, Path(context.out))
     driver = Driver(context, graph, book, render_node, DriverSettings(), listen)
     outcome = driver.reuse()
     listen({"event": "plan", "stages": {"render": len(graph)}, "reused": {"render": len(outcome.reused)}})
-    with open_cluster(cluster) if driver.remaining else nullcontext() as client:
+    with open_cluster(where) if driver.remaining else nullcontext() as client:
         if client is None:
             return outcome
         listen({"event": "cluster", "dashboard": dashboard_of(client), "scheduler": address_of(client)})

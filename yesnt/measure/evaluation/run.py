@@ -29,6 +29,7 @@ from yesnt.planning.graph import Graph, NodeId
 from yesnt.runtime.cluster import open_cluster
 from yesnt.runtime.driver import Driver
 from yesnt.runtime.launchers.spec import read_cluster
+from yesnt.runtime.launchers.table import check_cluster
 from yesnt.runtime.precompile import Precompilation
 from yesnt.runtime.session import Session
 from yesnt.workflows.evaluate import ablation_graph, constants_graph, evaluation_graph
@@ -186,6 +187,8 @@ class _Drive:
 
     def __init__(self, options: EvalOptions, listen: Listener, stack: ExitStack) -> None:
         self._options, self._listen, self._stack = options, listen, stack
+        self._spec = read_cluster(options.cluster, options.workers or None)
+        check_cluster(self._spec)
         self._client: Any = None
         self.failed: dict[str, str] = {}
 
@@ -205,17 +208,17 @@ class _Drive:
             if self._options.workers == 0:
                 _run_here(plan, graph, set(reused.reused), self._listen)
                 return
-            outcome = driver.run(self._cluster())
+            outcome = driver.run(self._cluster(session.output.run))
         for node_id, reason in (outcome.failed | outcome.dead).items():
             self.failed[f"{plan.subject.name}: {node_id[0]} {node_id[1]}"] = reason
 
-    def _cluster(self) -> Any:
+    def _cluster(self, folder: Path) -> Any:
+        """The client; a cluster that is started keeps its certificates and logs in the folder."""
         if self._client is None:
-            spec = read_cluster(self._options.cluster, self._options.workers)
-            if spec.kind == "local":
+            if self._spec.kind == "local":
                 with closing(Precompilation()) as compilation:
                     compilation.wait(self._listen)
-            self._client = self._stack.enter_context(open_cluster(spec))
+            self._client = self._stack.enter_context(open_cluster(self._spec.of_job(False, folder)))
             self._listen({"event": "cluster", "dashboard": self._client.dashboard_link or ""})
         return self._client
 

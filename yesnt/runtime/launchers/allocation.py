@@ -73,7 +73,7 @@ class AllocationLauncher:
             worker = [python_of(self._profile), "-m", WORKER_MODULE, address, *options]
             return [*step, *shell_words([*set_up_lines(self._profile), *_drain_lines()], worker)]
 
-        logs = worker_logs(self._spec.folder or Path.cwd())
+        logs = worker_logs(self._spec.folder)
         return as_any(numbered_groups(CPU, self._spec.workers, 1, memory), Processes(command, logs))
 
 

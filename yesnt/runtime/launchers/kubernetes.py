@@ -113,7 +113,7 @@ class KubernetesLauncher:
     @contextmanager
     def _forwarded(self, name: str) -> Iterator[tuple[str, str]]:
         """Yields the addresses of scheduler and dashboard on this machine, as long as kubectl forwards them."""
-        log = worker_logs(self._spec.folder or Path.cwd()) / "port-forward.log"
+        log = worker_logs(self._spec.folder) / "port-forward.log"
         # A pod, not the service: the dashboard listens on the pod's loopback alone.
         pod = f"deployment/{name}-scheduler"
         with log.open("w") as stream:

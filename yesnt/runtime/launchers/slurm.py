@@ -78,7 +78,7 @@ class SlurmLauncher:
 
     def _groups(self, address: str, certificate: Certificate, files: CertificateFiles) -> Groups:
         del certificate
-        logs, name = worker_logs(self._spec.folder or Path.cwd()), f"yesnt-{uuid4().hex[:8]}"
+        logs, name = worker_logs(self._spec.folder), f"yesnt-{uuid4().hex[:8]}"
         profile = self._profile
         cpu = numbered_groups(CPU, self._spec.workers, profile.workers_per_job, int(profile.memory))
         source = _Jobs(profile, None, address, files, logs, name)

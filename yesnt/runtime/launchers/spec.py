@@ -29,7 +29,7 @@ class ClusterSpec:
         profile: of a cluster that is neither local nor an address.
         insecure: a scheduler on another machine may be reached without TLS.
         gpu: the job has tasks for GPU workers.
-        folder: that all machines see, for certificates and logs; None: a temporary one.
+        folder: that all machines see, for certificates and logs; None: the current one.
     """
 
     kind: str = "local"

@@ -12,7 +12,6 @@ import shlex
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 from yesnt.core.errors import UsageError
@@ -66,7 +65,7 @@ class SshLauncher:
 
     def _groups(self, address: str, certificate: Certificate, files: CertificateFiles) -> Groups:
         del files
-        logs = worker_logs(self._spec.folder or Path.cwd())
+        logs = worker_logs(self._spec.folder)
         line = json.dumps(asdict(certificate))
         profile, groups = self._profile, list[tuple[WorkerGroup, Any]]()
         for i, (host, count) in enumerate(profile.hosts.items()):

@@ -31,14 +31,14 @@ def workers_elsewhere(
 
     Args:
         profile: of the cluster.
-        folder: that all machines see; gets the log of starts and losses.
+        folder: that all machines see, for certificates and logs; None: the current one.
         groups_of: returns the wanted groups for a scheduler's address and the run's certificate.
         shared: whether the workers read the certificate's files from the folder; else the files stay on this machine.
     """
     certificate = make_certificate()
-    log = None if folder is None else worker_logs(folder) / "launcher.log"
+    log = worker_logs(folder) / "launcher.log"
     with (
-        certificate_files(certificate, folder if shared else None) as files,
+        certificate_files(certificate, (folder or Path.cwd()) if shared else None) as files,
         scheduler_here(certificate, profile.interface, profile.host) as cluster,
     ):
         groups = groups_of(cluster.scheduler_address, certificate, files)
@@ -47,9 +47,9 @@ def workers_elsewhere(
             yield Running(cluster, certificate.security(), dashboard_address(cluster), top_up.problem)
 
 
-def worker_logs(folder: Path) -> Path:
-    """The folder of the workers' logs, made if need be."""
-    logs = folder / "workers"
+def worker_logs(folder: Path | None) -> Path:
+    """The folder of the workers' logs, made if need be; of the current folder, if none is given."""
+    logs = (folder or Path.cwd()) / "workers"
     logs.mkdir(parents=True, exist_ok=True)
     return logs
 

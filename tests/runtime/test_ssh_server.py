@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import socket
 import subprocess
@@ -67,7 +68,7 @@ def test_a_lost_connection_and_a_killed_worker_change_no_byte(tmp_path: Path, cl
     lines, cut, killed = [], False, False
     for line in run.stdout:
         lines.append(line)
-        percent = int(line.split()[1].rstrip("%")) if line.startswith("progress ") else 0
+        percent = int(found[1]) if (found := re.match(r"progress (\d+)%", line)) else 0
         if percent >= 20 and not cut:
             connections = [p for p in psutil.Process(run.pid).children() if p.name() == "ssh"]
             connections[0].kill()

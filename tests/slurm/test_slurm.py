@@ -116,7 +116,7 @@ def test_a_lost_job_and_a_killed_worker_change_no_byte(tmp_path: Path, expected:
     lines, cancelled, killed = [], [], []
     for line in run.stdout:
         lines.append(line)
-        percent = int(line.split()[1].rstrip("%")) if line.startswith("progress ") else 0
+        percent = int(found[1]) if (found := re.match(r"progress (\d+)%", line)) else 0
         if percent >= 20 and not cancelled:
             cancelled.append(jobs()[0])
             subprocess.run(["scancel", cancelled[0]], check=True)

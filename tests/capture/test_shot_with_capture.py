@@ -107,7 +107,7 @@ def test_auto_needs_four_cameras_and_says_so(tmp_path) -> None:
     assert any("since 3 of 3 cameras see the subject and 4 are needed" in line for line in inspect(resolve(path)))
     assert keys(write_capture_shot(tmp_path, cameras=3, evidence={"use": True}))
     few = resolve(write_capture_shot(tmp_path, cameras=5, evidence={"cameras": 4}))
-    assert "capture: 4 of 5 cameras measure the materials of a frame" in few.notes
+    assert few.capture.reads == ("capture: 4 of 5 cameras measure the materials of a frame",)
 
 
 @pytest.mark.parametrize(
@@ -185,3 +185,17 @@ def test_mattes_may_have_files_of_their_own(tmp_path) -> None:
         write_exr(folder / "plate.1001.exr", planes)
     session = run_here(path, "evidence")
     assert session.book.find(EVIDENCE, 1001).facts["left_out"] == {}
+
+
+def test_a_camera_that_contradicts_the_others_is_named_at_the_end_of_the_run(tmp_path) -> None:
+    from yesnt.runtime.clamps import clamp_lines
+
+    path = write_capture_shot(tmp_path, frames=1)
+    _, color, matte, *_ = pictures_of(5)[4]
+    write_view(tmp_path, "c03", 1001, 0 * color, matte)
+    session = run_here(path, "evidence")
+    (line,) = clamp_lines(session.job.frames, session.graph(), session.open_index())
+    assert line.startswith("evidence: pixels measured without a camera that contradicts the others")
+    assert "c03: " in line
+    reason = session.book.find(EVIDENCE, 1001).facts["left_out"]["c03"]
+    assert reason == "its picture is black where the others see the subject"

@@ -24,10 +24,12 @@ class CapturePlan:
     Attributes:
         views: frame -> cameras that measure it; empty if nothing is measured. Frames that are not in it take the
             result of the next one along the flow.
-        notes: lines for the user.
+        reads: how many cameras are read, for `plan`.
+        notes: warnings.
     """
 
     views: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
+    reads: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
     def files(self, job: Job) -> Iterable[Path]:
@@ -66,7 +68,7 @@ def plan_capture(job: Job, plate: Camera) -> CapturePlan:
         return CapturePlan(notes=(_too_few(least, len(cameras)),))
     views = {frame: choose_cameras(found, plate, frame, centre, evidence.cameras) for frame, found in seeing.items()}
     most = max(len(names) for names in views.values())
-    return CapturePlan(views, (f"capture: {most} of {len(cameras)} cameras measure the materials of a frame",))
+    return CapturePlan(views, reads=(f"capture: {most} of {len(cameras)} cameras measure the materials of a frame",))
 
 
 def _too_few(least: int, count: int) -> str:

@@ -1,4 +1,4 @@
-"""What the frames of a run clamped, from their records."""
+"""What the frames of a run clamped or left out, from their records."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from collections.abc import Iterable
 
 from yesnt.io.record_index import RecordIndex
 from yesnt.planning.graph import Graph
-from yesnt.planning.stages import COMPOSITE, CORRECT, RELIGHT
+from yesnt.planning.stages import COMPOSITE, CORRECT, EVIDENCE, RELIGHT
 
-CLAMPING = (CORRECT, RELIGHT, COMPOSITE)
-"""Stages whose records count what was clamped (`facts["clamped"]`)."""
+CLAMPING = (EVIDENCE, CORRECT, RELIGHT, COMPOSITE)
+"""Stages whose records count what was clamped or left out (`facts["clamped"]`)."""
 
 
 def clamp_lines(frames: Iterable[int], graph: Graph, index: RecordIndex) -> list[str]:

@@ -137,7 +137,7 @@ class InputChecks:
             counts.update(self._frame(frame)["reads"].items())
         frames = len(job.frames)
         lines = [f"{role}: {how}{'' if n == frames else f' ({n} frames)'}" for (role, how), n in counts.items()]
-        return [*lines, *(f"pixels: {line}" for line in describe_raster(job))]
+        return [*lines, *self._capture.reads, *(f"pixels: {line}" for line in describe_raster(job))]
 
     def _frame(self, frame: int) -> dict[str, Any]:
         fact: dict[str, Any] = self.facts.fetch(self._frame_key(frame), lambda: self._check_frame(frame))

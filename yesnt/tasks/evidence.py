@@ -24,6 +24,9 @@ from yesnt.tasks.workspace import Workspace
 
 F32 = NDArray[np.float32]
 
+WITHOUT = "evidence: pixels measured without a camera that contradicts the others (`left_out` of the record says how):"
+"""What a run's summary says of a camera that was left out; its name follows."""
+
 
 def measure_materials(space: Workspace[MeasureTask]) -> None:
     """Commits the materials of a frame as its cameras measure them, and the number of cameras of each pixel."""
@@ -53,8 +56,9 @@ def _commit(space: Workspace[MeasureTask], found: FrameEvidence) -> None:
     channels = {"measured": found.mean, "measured_spread": found.std, "views": found.views[None]}
     matte = space.matte(space.frame)
     shown = float(found.views[matte].mean()) if matte.any() else 0.0
+    without = {f"{WITHOUT} {name}": int(matte.sum()) for name in found.left_out}
     facts = {"left_out": found.left_out, "gains": found.gains, "views": shown}
-    space.commit(space.frame, channels, facts=facts)
+    space.commit(space.frame, channels, facts=facts | ({"clamped": without} if without else {}))
 
 
 def _views(space: Workspace[MeasureTask]) -> list[View]:

@@ -169,3 +169,9 @@ def test_a_plate_of_another_exposure_is_named_too() -> None:
     given, _ = scene()
     found, _ = measured(replace(given, plate=2 * given.plate))
     assert list(found.left_out) == [PLATE]
+
+
+def test_fitting_one_pixel_of_four_changes_little() -> None:
+    given, truth = scene()
+    (every, inside), (some, _) = measured(given, EvidenceSettings(step=1)), measured(given)
+    assert sum(error(some, truth, inside)) < 1.15 * sum(error(every, truth, inside))

@@ -20,7 +20,8 @@ def plane(**changes):
     cost[:, 0], cost[:, 1] = 0.2 * right, 0.2 * ~right
     fields = {
         "color": np.zeros((count, VIEWS, 3), np.float32), "intensity": np.zeros((count, VIEWS), np.float32),
-        "valid": np.ones((count, VIEWS), np.uint8), "position": position, "normal": normal,
+        "valid": np.ones((count, VIEWS), np.uint8), "fitted": np.ones(count, np.uint8),
+        "position": position, "normal": normal,
     } | changes  # fmt: skip
     footprint = np.full(count, 0.01, np.float32)
     return Neighbourhood(row, column, number, cost, *fields.values(), footprint), right
@@ -28,14 +29,14 @@ def plane(**changes):
 
 def leak(points, right):
     """Cost of candidate 0 that reaches the four columns on either side of the middle from the other half."""
-    found = pooled(points, range(len(right)), SETTINGS)[:, 0].reshape(SIDE, SIDE)
+    found = pooled(points, range(len(right)), SETTINGS)[0][:, 0].reshape(SIDE, SIDE)
     middle = SIDE // 2
     return found[:, middle - 4 : middle].mean(), points.cost.max() - found[:, middle : middle + 4].mean()
 
 
 def test_a_constant_stays_constant() -> None:
     points, right = plane()
-    found = pooled(points._replace(cost=np.full_like(points.cost, 0.7)), range(len(right)), SETTINGS)
+    found = pooled(points._replace(cost=np.full_like(points.cost, 0.7)), range(len(right)), SETTINGS)[0]
     np.testing.assert_allclose(found, 0.7, rtol=1e-5)
 
 
@@ -71,5 +72,17 @@ def test_a_point_is_pooled_with_those_that_a_camera_sees_too() -> None:
 
 def test_a_range_is_a_part_of_the_whole() -> None:
     points, right = plane()
-    whole = pooled(points, range(len(right)), SETTINGS)
-    np.testing.assert_array_equal(pooled(points, range(100, 350), SETTINGS), whole[100:350])
+    whole, _ = pooled(points, range(len(right)), SETTINGS)
+    np.testing.assert_array_equal(pooled(points, range(100, 350), SETTINGS)[0], whole[100:350])
+
+
+def test_only_fitted_points_are_averaged_and_lonely_ones_are_told_apart() -> None:
+    points, right = plane()
+    fitted = np.zeros_like(points.fitted)
+    fitted[::7] = 1
+    lonely = points.color.copy()
+    lonely[3] += np.float32([3, 0, -3])  # no neighbour has its colour, and it was not fitted itself
+    some = points._replace(fitted=fitted, cost=np.where(fitted[:, None] == 1, 0.7, 99).astype(np.float32), color=lonely)
+    found, weight = pooled(some, range(len(right)), SETTINGS)
+    assert np.flatnonzero(weight == 0).tolist() == [3]
+    np.testing.assert_allclose(np.delete(found, 3, axis=0), 0.7, rtol=1e-5)

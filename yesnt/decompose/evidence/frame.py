@@ -23,7 +23,7 @@ from yesnt.decompose.evidence.observe import (
 from yesnt.decompose.evidence.pool import Neighbourhood, pooled
 from yesnt.decompose.evidence.posterior import log_prior, moments, posterior
 from yesnt.decompose.evidence.records import FrameEvidence, Observations, View
-from yesnt.decompose.evidence.responses import CaptureScene, lit_points, probe_points, responses
+from yesnt.decompose.evidence.responses import CaptureScene, LitPoints, lit_points, probe_points, responses
 from yesnt.decompose.evidence.settings import EvidenceSettings, metallic_levels, roughness_levels
 from yesnt.decompose.evidence.triangles import proxy_size, shown_radiance
 from yesnt.relight.lights import PreparedLight
@@ -112,12 +112,14 @@ class _Tile:
 
     Attributes:
         part: the pixels.
-        cost: [N, R * M] minus the log likelihood.
+        fitted: [N] which of them were fitted.
+        cost: [N, R * M] minus the log likelihood; 0 where not fitted.
         log_radiance: [N, V, 3].
         seen: what the cameras saw.
     """
 
     part: slice
+    fitted: NDArray[np.bool_]
     cost: F32
     log_radiance: F32
     seen: Observations
@@ -146,7 +148,7 @@ class _Frame:
         if not count or not views:
             return views, {}
         points = probe_points(self._pixels, few, self._scene)
-        samples = [self._plate_sample(points.pixels, few), *self._samples(views, points.pixels)]
+        samples = self._all_samples(views, points.pixels, few)
         found = agreement(samples, responses(points, samples, self._scene, np.array([NEUTRAL])))
         names = [PLATE, *(seen.view.name for seen in views)]
         reasons = contradictions(names, found)
@@ -184,17 +186,44 @@ class _Frame:
             tile = next(t for t in held if t.part == band.part)
             start = band.part.start - held[0].part.start
             wanted = range(start, start + len(tile.cost))
-            yield tile, pooled(self._neighbourhood(held), wanted, self._settings)
+            yield tile, self._pooled(held, wanted, band.part.start, views)
+
+    def _pooled(self, held: list[_Tile], wanted: range, first: int, views: list[SeenView]) -> F32:
+        """Pooled cost of a band; pixels that no fitted neighbour looks like are fitted alone."""
+        cost, weight = pooled(self._neighbourhood(held), wanted, self._settings)
+        alone = np.flatnonzero(weight == 0)
+        if len(alone):
+            points = probe_points(self._pixels, alone + first, self._scene)
+            cost[alone] = self._cost(points, self._all_samples(views, points.pixels, alone + first))
+        return cost
 
     def _tile(self, band: Band, views: list[SeenView]) -> _Tile:
         points = lit_points(self._pixels, self._scene, band)
         numbers = np.arange(band.part.start, band.part.stop)
-        samples = [self._plate_sample(points.pixels, numbers), *self._samples(views, points.pixels)]
-        seen = observations(samples, self._settings.floor * self._mean_radiance, self._settings)
-        of = responses(points, samples, self._scene, roughness_levels())
-        cost = negative_log_likelihood(seen, of, self._settings)
+        samples = self._all_samples(views, points.pixels, numbers)
+        few = self._chosen(numbers)
+        fitted = np.zeros(len(numbers), dtype=np.bool_)
+        fitted[few] = True
+        cost = np.zeros((len(numbers), len(roughness_levels()) * len(metallic_levels())), dtype=np.float32)
+        cost[few] = self._cost(points.taken(few), [one.taken(few) for one in samples])
+        seen = self._observations(samples)
         log_radiance = np.log(np.maximum(seen.radiance, _DARK * self._mean_radiance))
-        return _Tile(band.part, cost.reshape(len(cost), -1), log_radiance, seen)
+        return _Tile(band.part, fitted, cost, log_radiance, seen)
+
+    def _chosen(self, numbers: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Places in a band of the first pixel of every cell of `step` rows and columns."""
+        step, width = self._settings.step, self._pixels.shape[1]
+        row, column = self._rows[numbers] // step, self._pixels.index[numbers] % width // step
+        return np.unique(row * width + column, return_index=True)[1].astype(np.intp)
+
+    def _cost(self, points: LitPoints, samples: list[Sample]) -> F32:
+        """Minus the log likelihood [N, R * M] of points that the cameras saw so."""
+        of = responses(points, samples, self._scene, roughness_levels())
+        cost = negative_log_likelihood(self._observations(samples), of, self._settings)
+        return cost.reshape(len(cost), -1)
+
+    def _observations(self, samples: list[Sample]) -> Observations:
+        return observations(samples, self._settings.floor * self._mean_radiance, self._settings)
 
     def _plate_sample(self, pixels: Pixels, numbers: NDArray[np.intp]) -> Sample:
         """The plate at its own pixels."""
@@ -203,9 +232,11 @@ class _Frame:
         footprint = self._scene.occluders.footprint[numbers]
         return Sample(radiance, self._deviation[numbers], valid, pixels.view, footprint)
 
-    def _samples(self, views: list[SeenView], pixels: Pixels) -> list[Sample]:
+    def _all_samples(self, views: list[SeenView], pixels: Pixels, numbers: NDArray[np.intp]) -> list[Sample]:
+        """What the plate and every camera saw of the pixels of these numbers."""
         at = pixels.position, pixels.normal
-        return [sample_view(seen, *at, self._size, self._settings) for seen in views]
+        others = [sample_view(seen, *at, self._size, self._settings) for seen in views]
+        return [self._plate_sample(pixels, numbers), *others]
 
     def _neighbourhood(self, held: list[_Tile]) -> Neighbourhood:
         """The points of consecutive bands."""
@@ -219,6 +250,7 @@ class _Frame:
             row.astype(np.int32), column.astype(np.int32), number, cost,
             logs - intensity[..., None], intensity,
             np.concatenate([tile.seen.valid for tile in held]).astype(np.uint8),
+            np.concatenate([tile.fitted for tile in held]).astype(np.uint8),
             self._pixels.position[part], self._pixels.normal[part], self._scene.occluders.footprint[part],
         )  # fmt: skip
 

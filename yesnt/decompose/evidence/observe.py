@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import cv2
 import numpy as np
@@ -61,6 +61,10 @@ class Sample:
     valid: Bool
     towards: F32
     footprint: F32
+
+    def taken(self, which: NDArray[np.intp]) -> Sample:
+        """Some of the points."""
+        return Sample(*(getattr(self, one.name)[which] for one in fields(self)))
 
 
 def prepare_view(view: View, proxy: ProxyScene, settings: EvidenceSettings) -> SeenView:

@@ -35,6 +35,7 @@ class Neighbourhood(NamedTuple):
         color: [N, V, 3] log radiance; per view the mean of the channels is subtracted.
         intensity: [N, V] that mean.
         valid: [N, V] uint8, whether the view saw the point.
+        fitted: [N] uint8, whether the cost is known.
         position: [N, 3] world metres.
         normal: [N, 3] unit, world.
         footprint: [N] metres that a pixel covers.
@@ -47,6 +48,7 @@ class Neighbourhood(NamedTuple):
     color: F32
     intensity: F32
     valid: NDArray[np.uint8]
+    fitted: NDArray[np.uint8]
     position: F32
     normal: F32
     footprint: F32
@@ -64,18 +66,23 @@ class Widths(NamedTuple):
     apart: float
 
 
-def pooled(points: Neighbourhood, wanted: range, settings: EvidenceSettings) -> F32:
-    """Weighted mean of the cost over each wanted point's neighbours, [len(wanted), K]."""
+def pooled(points: Neighbourhood, wanted: range, settings: EvidenceSettings) -> tuple[F32, F32]:
+    """Weighted mean of the cost over each wanted point's fitted neighbours, [len(wanted), K], and the sum of weights.
+
+    The sum is 0 for a point that no fitted neighbour looks like; its cost is then 0.
+    """
     names = ("window", "chroma", "pattern", "intensity", "turn", "apart")
     widths = Widths(settings.radius, *(1 / getattr(settings, name) for name in names))
     out = np.zeros((len(wanted), points.cost.shape[1]), dtype=np.float32)
-    over_ranges(len(wanted), lambda first, last: _pool(first, last, wanted.start, points, widths, out))
-    return out
+    total = np.zeros(len(wanted), dtype=np.float32)
+    over_ranges(len(wanted), lambda first, last: _pool(first, last, wanted.start, points, widths, (out, total)))
+    return out, total
 
 
 @exact_entry
-def _pool(first, last, offset, points, widths, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Writes the pooled cost of points [first, last) after `offset`."""
+def _pool(first, last, offset, points, widths, results):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Writes pooled cost and sum of weights of points [first, last) after `offset`."""
+    out, totals = results
     rows, columns = points.number.shape
     reach = widths.radius
     for i in range(first, last):
@@ -84,7 +91,7 @@ def _pool(first, last, offset, points, widths, out):  # type: ignore[no-untyped-
         for y in range(max(points.row[p] - reach, 0), min(points.row[p] + reach + 1, rows)):
             for x in range(max(points.column[p] - reach, 0), min(points.column[p] + reach + 1, columns)):
                 q = points.number[y, x]
-                if q < 0:
+                if q < 0 or points.fitted[q] == 0:
                     continue
                 weight = np.float32(1) if p == q else _weight(p, q, points, widths)
                 if weight < _LEAST_WEIGHT:
@@ -92,8 +99,10 @@ def _pool(first, last, offset, points, widths, out):  # type: ignore[no-untyped-
                 total += weight
                 for k in range(out.shape[1]):
                     out[i, k] += weight * points.cost[q, k]
-        for k in range(out.shape[1]):
-            out[i, k] /= total
+        totals[i] = total
+        if total > 0:
+            for k in range(out.shape[1]):
+                out[i, k] /= total
 
 
 @exact_kernel

@@ -32,6 +32,8 @@ class EvidenceSettings:
         depth: difference between a point's depth and the proxy's that counts as the same surface, over the size of the
             proxy.
         least_views: cameras below which a pixel keeps the model's estimate.
+        step: rows and columns of the cells of which one pixel is fitted; the others are pooled from those. It divides
+            the 4 rows that bands of pixels are cut at (relight/sparse.py). 1 fits every pixel.
         radius: pixels from the middle of the pooling window to its border.
         window: standard deviation of the window's weights, pixels.
         chroma: difference of log colour at which a neighbour counts as another material.
@@ -54,6 +56,7 @@ class EvidenceSettings:
     covered: float = 0.99
     depth: float = 0.012
     least_views: int = 2
+    step: int = 2
     radius: int = 10
     window: float = 5.0
     chroma: float = 0.1

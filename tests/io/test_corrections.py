@@ -54,6 +54,16 @@ def weight_of(folder: Path) -> np.ndarray:
     return read_overrides(Session(folder).job, FRAME, SEEN.matte)[0][0].weight
 
 
+def test_a_cryptomatte_that_went_through_nuke(tmp_path: Path) -> None:
+    spelt = dict(zip("RGBA", ("red", "green", "blue", "alpha"), strict=True))
+    planes = {f"crypto_object00.{spelt[role]}": plane for role, plane in ranks(PARTS).items()}
+    known = {f"nuke/exr/{name}": value for name, value in metadata("crypto_object").items()}
+    write(shot(tmp_path / "s", names=["boots"]) / "id.exr", {**planes, "R": LEFT}, **known)
+    np.testing.assert_array_equal(weight_of(tmp_path / "s"), PARTS["boots"])
+    write(shot(tmp_path / "t", names=["boot"]) / "id.exr", {**planes, "R": LEFT}, **known)
+    assert "did you mean boots" in check(tmp_path / "t").refusal
+
+
 @pytest.mark.parametrize("name", ["CryptoObject", "ViewLayer.CryptoObject"])
 @pytest.mark.parametrize("names", [("boots", "belt", "hat"), None])
 def test_a_cryptomatte_in_layers_of_one_part(tmp_path: Path, name: str, names: Any) -> None:

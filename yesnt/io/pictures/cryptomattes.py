@@ -31,6 +31,9 @@ F32 = NDArray[np.float32]
 HASH, CONVERSION = "MurmurHash3_32", "uint32_to_float32"
 """The hash and the conversion that the specification knows."""
 
+_METADATA = re.compile(r"(^|/)cryptomatte/(?P<key>[^/]+)/(?P<field>[^/]+)$")
+"""Name of a metadata attribute; Nuke writes `nuke/exr/` before it."""
+
 _LAYER = re.compile(r"(?P<name>.+?)(?P<rank>\d\d)$")
 _RANKS = {**RED_GREEN_BLUE, "A": ALPHA}
 _MOSTLY, _FOREIGN = 0.5, 0.5
@@ -138,10 +141,9 @@ def _metadata(headers: Sequence[ImageHeader]) -> Iterable[dict[str, Any]]:
     by_key: dict[str, dict[str, Any]] = {}
     for header in headers:
         for attribute, value in header.attributes.items():
-            prefix, _, rest = attribute.partition("/")
-            number, _, field = rest.partition("/")
-            if prefix == "cryptomatte" and field:
-                by_key.setdefault(number, {}).setdefault(field, value)
+            found = _METADATA.search(attribute)
+            if found:
+                by_key.setdefault(found["key"], {}).setdefault(found["field"], value)
     return by_key.values()
 
 

@@ -42,6 +42,10 @@ def test_defaults_are_the_contract(tmp_path: Path) -> None:
         ("output: [", "not plain YAML"),
         ("light: {path: l.exr, rotation: [0, 0]}", "'light.rotation"),
         ("light: {path: l.exr, rotation: {1001: [0, 0]}}", r"'light\.rotation\.1001\.2' is absent.*line 9"),
+        ("light: {path: l.exr, rotation: 90}", "'light.rotation' cannot be used: Input should be a valid list"),
+        ("capture_light: estimated", "'capture_light' cannot be used: .*the word `estimate`"),
+        ("materials: {mask: m.exr, roughness: 1}", "'materials' cannot be used: Input should be a valid list"),
+        ("materials: [{mask: m.exr}]", r"'materials\.0' cannot be used: .*it needs `roughness` or `metallic`"),
         ("light: {path: l.exr, rotation: {}}", "'light.rotation' cannot be used: .*at least 1 item"),
         ("light: {path: l.exr, exposure: {a: 1}}", r"'light\.exposure\.a\.\[key\]' cannot be used"),
         ("light: {path: l.exr, exposure: 1, exposure: 2}", r"The key 'exposure' stands twice.*line 9"),
@@ -55,6 +59,11 @@ def test_bad_lines_are_named(tmp_path: Path, line: str, message: str) -> None:
     padding = "#\n" * (8 - text.count("\n"))
     with pytest.raises(JobError, match=message):
         load_shot(job(tmp_path, f"{text}{padding}{line}\n"))
+
+
+def test_a_single_frame_and_an_empty_list_are_what_they_mean(tmp_path: Path) -> None:
+    shot = load_shot(job(tmp_path, yaml.safe_dump({**GOOD, "frames": 1001}) + "materials:\n"))
+    assert (shot.frames, shot.materials) == ("1001", ())
 
 
 @pytest.mark.parametrize("name", ["a/b", "..", "a\\b", " a", ""])

@@ -86,6 +86,7 @@ PICTURES: dict[str, tuple[dict[str, Planes], str]] = {
     ),
     "normals of a Y-up world": (normals(lambda n: n[..., [0, 2, 1]] * [1, 1, -1]), "said `normal_space: world_y_up`"),
     "distance along the ray": (depth(lambda z: z * SLANT), r"distance along the ray \(10\d%.*say `z_kind: ray`"),
+    "depth in 0 to 1": (depth(lambda z: (z - 2) / 2), "slopes of depth are not those of the normals .*depth in 0 to 1"),
     "inverse depth": (depth(lambda z: 1 / z), r"depth grows where .* it falls at \d+%.*`z_kind: inverse`"),
     "depth in millimetres": (depth(lambda z: z * 1000), r"subject is \d+ m large"),
     "depth in centimetres": (depth(lambda z: z * 100), r"would be 100% if the job said `units: cm` of the G"),

@@ -6,7 +6,7 @@ from bisect import bisect_left
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from yesnt.core.capture_input import CaptureCameras, EvidenceInput, refuse_unmeasurable
 from yesnt.core.color_spaces import LIN_REC709, WORKING, JobColors
@@ -24,6 +24,11 @@ def _plain_name(name: str) -> str:
     if any(c in name for c in _FORBIDDEN_IN_NAMES) or name in {".", ".."} or name != name.strip():
         raise ValueError("a name must not hold path separators or surrounding blanks")
     return name
+
+
+def _single_frame(value: Any) -> Any:
+    """YAML reads the range of a single frame as a number."""
+    return str(value) if type(value) is int else value
 
 
 class PlateInput(Part):
@@ -136,6 +141,8 @@ class CaptureInput(_Map):
     @model_validator(mode="before")
     @classmethod
     def _word(cls, value: Any) -> Any:
+        if isinstance(value, str) and value != "estimate":
+            raise ValueError("it is a map (`path:`) or the word `estimate`")
         return {"estimate": True} if value == "estimate" else value
 
     @model_validator(mode="after")
@@ -217,7 +224,7 @@ class Shot(Part):
 
     version: Literal[1]
     name: Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_plain_name)]
-    frames: str
+    frames: Annotated[str, BeforeValidator(_single_frame)]
     plate: PlateInput
     matte: MatteInput | None = None
     gbuffer: GBufferInput
@@ -227,7 +234,7 @@ class Shot(Part):
     background: PlateInput | None = None
     proxy: ProxyInput | None = None
     decompose: DecomposeInput = DecomposeInput()
-    materials: Annotated[tuple[MaterialInput, ...], Field(strict=False)] = ()
+    materials: Annotated[tuple[MaterialInput, ...], Field(strict=False), BeforeValidator(lambda m: m or ())] = ()
     capture: CaptureCameras | None = None
     evidence: EvidenceInput = EvidenceInput()
     flow: FlowInput = FlowInput()

@@ -218,7 +218,7 @@ def _job_error(path: Path, node: Any, error: ValidationError) -> JobError:
     if kind == "missing":
         return JobError(f"The key {key!r} is absent", f"{path}, line {line}", "it is required", "add it")
     return JobError(
-        f"The value of {key!r} cannot be used: {problem['msg']}",
+        f"The value of {key!r} cannot be used: {problem['msg'].replace('tuple', 'list')}",
         f"{path}, line {line}",
         f"see the message; got {problem['input']!r}",
         "correct it",

@@ -8,7 +8,7 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from tests.cases.shots import ACES_AP1, sky, write
+from tests.cases.shots import ACES_AP1, sky, window, write
 from yesnt.core.color_spaces import ACESCG, LIN_REC709
 from yesnt.core.errors import JobError
 from yesnt.io.color_config import BUILT_IN, open_config
@@ -57,3 +57,21 @@ def test_negative_radiance_is_counted_in_the_target_space(tmp_path: Path) -> Non
     conversion = open_config(BUILT_IN).conversion(ACESCG, LIN_REC709)
     found = read_radiance(tmp_path / "a.exr", conversion)
     assert (found.negative, found.values[..., 1].max()) == (16 * 32, 0)
+
+
+def test_a_map_is_its_display_window(tmp_path: Path) -> None:
+    whole = {name: plane.copy() for name, plane in sky(np.random.default_rng(0).random((16, 32, 3))).items()}
+    upper = {name: plane[:8] for name, plane in whole.items()}
+    write(tmp_path / "a.exr", upper, dataWindow=window(0, 0, 32, 8), displayWindow=window(0, 0, 32, 16))
+    found = read_radiance(tmp_path / "a.exr").values
+    np.testing.assert_array_equal(found[:8, :, 0], whole["R"][:8])
+    assert found.shape == (16, 32, 3)
+    assert not found[8:].any()
+
+
+def test_a_maps_layer_is_chosen_by_name(tmp_path: Path) -> None:
+    values = {"sky": 1.0, "sun": 5.0}
+    write(tmp_path / "a.exr", {f"{name}.{c}": plane for name, v in values.items() for c, plane in sky(v).items()})
+    assert read_radiance(tmp_path / "a.exr", layer="sun").values.max() == 5
+    with pytest.raises(JobError, match=r"Several layers may be light's colour: sky, sun"):
+        read_radiance(tmp_path / "a.exr")

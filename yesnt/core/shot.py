@@ -97,9 +97,9 @@ class _Map(Part):
 
     `rotation` is in degrees (yaw about +Z first), `exposure` in stops; both may be given by frame (core/keyframes.py).
     `clamp` is the largest radiance that is kept, in the map's own units, and what infinite radiance becomes. Without
-    `colorspace` the map is in the space that its files state. A map that was captured at `captured_at`
-    (world metres), with what it shows `distance` metres away, is shown to the actor and to the camera as it looks from
-    where they are.
+    `colorspace` the map is in the space that its files state. `layer` names the layer or the part of the file. A map
+    that was captured at `captured_at` (world metres), with what it shows `distance` metres away, is shown to the actor
+    and to the camera as it looks from where they are.
     """
 
     convention: Literal["blender", "opengl", "mitsuba"] = "blender"
@@ -107,6 +107,7 @@ class _Map(Part):
     exposure: Exposure = 0.0
     clamp: Annotated[float, Field(gt=0)] | None = None
     colorspace: Colorspace = LIN_REC709
+    layer: str | None = None
     captured_at: Point | None = None
     distance: Annotated[float, Field(gt=0)] | None = None
 

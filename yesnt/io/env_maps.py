@@ -13,9 +13,10 @@ from yesnt.core.shot import PlateInput
 from yesnt.io.color_config import FROM_ENVIRONMENT, locate_config
 from yesnt.io.color_statements import StatedSpaces, Statement
 from yesnt.io.pictures.decode_color import to_scene_linear
-from yesnt.io.pictures.image import read_channels, read_headers
+from yesnt.io.pictures.image import read_headers
 from yesnt.io.pictures.not_finite import refuse_not_finite
 from yesnt.io.pictures.passes import ColorChannels, find_color
+from yesnt.io.pictures.placed import read_display
 
 AS_IT_IS = Conversion()
 """Linear Rec.709 that stays it."""
@@ -36,18 +37,21 @@ class Radiance:
     infinite: int = 0
 
 
-def read_radiance(path: Path, conversion: Conversion = AS_IT_IS, clamp: float | None = None) -> Radiance:
+def read_radiance(
+    path: Path, conversion: Conversion = AS_IT_IS, clamp: float | None = None, layer: str | None = None
+) -> Radiance:
     """An env map as it lies in its file.
 
     Args:
         path: of the map.
         conversion: of its colours.
         clamp: what infinite radiance becomes, in the file's units; None: it is refused.
+        layer: that holds the map, or a part's name; None: the well-known one.
 
     Raises:
         JobError: not an RGB picture, or NaN or Inf in it.
     """
-    stored = _stored(_channels(path))
+    stored = _stored(_channels(path, layer))
     infinite = np.isposinf(stored)
     if clamp is not None:
         stored = np.where(infinite, np.float32(clamp), stored)
@@ -70,11 +74,10 @@ def read_map(path: Path) -> NDArray[np.float32]:
     return to_scene_linear(_stored(found), spaces.conversion(space, LIN_REC709))
 
 
-def _channels(path: Path) -> ColorChannels:
-    return find_color(read_headers(path), PlateInput(path=str(path)), "light")
+def _channels(path: Path, layer: str | None = None) -> ColorChannels:
+    return find_color(read_headers(path), PlateInput(path=str(path), layer=layer), "light")
 
 
 def _stored(found: ColorChannels) -> NDArray[np.float32]:
-    """Colour [h, w, 3] as stored."""
-    planes = read_channels(found.color[0].header, [channel.name for channel in found.color])
-    return np.stack([planes[channel.name] for channel in found.color], axis=-1)
+    """Colour [h, w, 3] of the display window, as stored."""
+    return np.stack(read_display(found.color), axis=-1)

@@ -67,7 +67,8 @@ def check_statement(path: Path, shot: Shot, role: str, first: Statement) -> None
 def _statement(path: Path, shot: Shot, role: str) -> Statement:
     """What the part of a file that holds the colour says of it."""
     section = getattr(shot, role)
-    spec = section if isinstance(section, PlateInput) else PlateInput(path=str(path))
+    layer = getattr(section, "layer", None)
+    spec = section if isinstance(section, PlateInput) else PlateInput(path=str(path), layer=layer)
     return Statement.of(find_color(read_headers(path), spec, role).color[0].header)
 
 

@@ -251,7 +251,8 @@ class InputChecks:
             for path in dict.fromkeys(frame_path(job.root, pattern, f) for f in job.frames if pattern is not None):
                 stated, conversion = asdict(self._statements[role]), asdict(getattr(job.colors, role))
                 depends = {"file": self._digests[str(path)], "stated": stated, "color": conversion}
-                key = digest_of({"check": "map", "code": code_digest(), "clamp": light and light.clamp, **depends})
+                own = light and {"clamp": light.clamp, "layer": light.layer}
+                key = digest_of({"check": "map", "code": code_digest(), "light": own, **depends})
                 found = self.facts.fetch(key, partial(self._check_map, path, role))
                 yield from (f"{role}: {count} {what} ({path})" for what, count in found["counts"].items())
                 width, height = found["size"]
@@ -264,7 +265,8 @@ class InputChecks:
     def _check_map(self, path: Path, role: str) -> dict[str, Any]:
         """Decodes a map; counts what is used although it is odd."""
         check_statement(path, self._job.shot, role, self._statements[role])
-        found = env_maps.read_radiance(path, getattr(self._job.colors, role), getattr(self._job.shot, role).clamp)
+        light = getattr(self._job.shot, role)
+        found = env_maps.read_radiance(path, getattr(self._job.colors, role), light.clamp, light.layer)
         counts = {"negative values are read as 0": found.negative, "infinite values are clamped": found.infinite}
         size = [found.values.shape[1], found.values.shape[0]]
         return {"counts": {what: count for what, count in counts.items() if count}, "size": size}

@@ -47,7 +47,7 @@ def read_map(path: Path, spec: MapInput, conversion: Conversion) -> EnvMap:
     """Reads a map in the working space and applies the job's convention and clamp."""
     from yesnt.relight import EnvMap
 
-    radiance = env_maps.read_radiance(path, conversion, spec.clamp).values
+    radiance = env_maps.read_radiance(path, conversion, spec.clamp, spec.layer).values
     env = EnvMap.from_array(radiance, spec.convention)
     return env if spec.clamp is None else env.clamped(spec.clamp)
 

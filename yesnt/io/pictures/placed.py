@@ -34,6 +34,18 @@ def read_placed(job: Job, channels: Sequence[Channel]) -> list[F32]:
     return [planes[channel.header.part, channel.name] for channel in channels]
 
 
+def read_display(channels: Sequence[Channel]) -> list[F32]:
+    """The planes of channels of one part of a picture that stands alone: its display window, 0 where nothing is stored.
+
+    Raises:
+        JobError: the picture is stored turned, or its pixels cannot be read.
+    """
+    header = channels[0].header
+    refuse_turned(header)
+    planes = read_channels(header, list(dict.fromkeys(channel.name for channel in channels)))
+    return [place(planes[channel.name], header.data, header.display) for channel in channels]
+
+
 def stored_where(job: Job, header: ImageHeader) -> F32:
     """1 where a picture has stored pixels and 0 around its data window, [H, W]: coverage of a picture without alpha."""
     return place(np.ones((header.height, header.width), np.float32), _on_display(header), job.window)
@@ -52,6 +64,15 @@ def check_fits(job: Job, header: ImageHeader) -> None:
             f"The picture is {header.display.width}x{header.display.height}", header.path, f"{expected}, as {said}",
             "render every input at one size",
         )  # fmt: skip
+    refuse_turned(header)
+
+
+def refuse_turned(header: ImageHeader) -> None:
+    """Refuses a picture whose first row is not its top.
+
+    Raises:
+        JobError: as said.
+    """
     if header.attributes.get("Orientation", UPRIGHT) != UPRIGHT:
         raise JobError(
             f"The picture is stored turned (its attribute Orientation is {header.attributes['Orientation']})",

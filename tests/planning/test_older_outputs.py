@@ -13,6 +13,7 @@ from yesnt.planning.stages import DECOMPOSE
 from yesnt.report.facts import gather
 from yesnt.report.timeline import timeline_svg
 from yesnt.runtime.session import Session
+from yesnt.runtime.sweep import sweep_transients
 
 
 def age(session: Session) -> None:
@@ -59,6 +60,6 @@ def test_what_older_versions_left_under_other_names_is_removed_after_a_run(tmp_p
     age(run_here(path, "solve"))
     session = run_here(path, "solve")
     assert {s.state for s in states(session) if s.stage in ("decompose", "confidence", "solve")} == {"done"}
-    session._sweep_transients()
+    sweep_transients(session.graph(), session.book, session.output)
     assert not (session.book.folder / "trust").exists()
     assert not (session.output.store / "evaluations").exists()

@@ -18,6 +18,7 @@ from yesnt.io.store import FrameStore
 from yesnt.planning import settings as of
 from yesnt.planning.stages import DECOMPOSE
 from yesnt.runtime.session import Session
+from yesnt.runtime.sweep import sweep_transients
 
 FRAMES, LICENCE = 5, "NVIDIA-NonCommercial"
 LANE_0, LANE_1 = (StageId("window", lane=lane) for lane in (0, 1))
@@ -56,7 +57,7 @@ def test_overlaps_are_blended_and_a_run_in_pieces_gives_the_same_frames(tmp_path
         for position in range(FRAMES):
             one, two = (FrameStore(s.output.store).read(name, position) for s in (session, again))
             np.testing.assert_allclose(one, two, atol=0, rtol=0)
-    session._sweep_transients()
+    sweep_transients(session.graph(), session.book, session.output)
     assert not list(session.output.store.glob("window.*")), "windows are swept away once they are blended"
     job, backend = session.job, open_backend("diffusion-renderer", checkpoint, [LICENCE], KNOBS)
     estimates = []

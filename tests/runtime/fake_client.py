@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import random
 from collections.abc import Callable
 from types import SimpleNamespace
@@ -30,8 +31,11 @@ class FakeClient:
         self.scheduler = SimpleNamespace(ncores=None)
         monkeypatch.setattr(attempt_module, "_own_address", lambda: self._here)
 
-    def sync(self, call: object, callback_timeout: float) -> dict[str, int]:
-        return self.workers
+    def sync(self, call: Callable[[], Any] | None, callback_timeout: float) -> dict[Any, Any]:
+        return self.workers if call is None else asyncio.run(call())
+
+    async def gather(self, futures: dict[int, Any], errors: str, asynchronous: bool) -> dict[int, Any]:
+        return {i: future.result(1) for i, future in futures.items()}
 
     def submit(self, attempt, task, context, node, *, workers=None, **options: Any) -> _Future:
         self._here = self._choice.choice(sorted(workers or self.workers))

@@ -6,10 +6,10 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from distributed import KilledWorker
 from distributed.comm import CommClosedError
 
 from tests.fake_tasks import A, B, FakeTask, fake_task, runs_of
+from tests.runtime.fake_client import FakeClient
 from yesnt.core.errors import ClusterLostError, UsageError
 from yesnt.core.shot import GBufferInput, Job, LightInput, PlateInput, Shot
 from yesnt.io.records import RecordBook
@@ -197,10 +197,41 @@ class _LostFuture:
         pass
 
 
-@pytest.mark.parametrize("error", [CommClosedError("reset by peer"), TimeoutError()])
-def test_a_scheduler_lost_while_it_hands_a_result_over_is_a_lost_cluster(job: Job, error: Exception) -> None:
+def client_whose_receipts(raise_or_return, monkeypatch: pytest.MonkeyPatch) -> FakeClient:
+    """Runs tasks here; their receipts cannot be fetched."""
+    client = FakeClient(monkeypatch, workers=("tcp://127.0.0.1:1",))
+    workers = client.workers
+
+    def sync(call, callback_timeout: float):
+        return workers if call is None else raise_or_return()
+
+    monkeypatch.setattr(client, "sync", sync)
+    return client
+
+
+def raising(error: Exception):
+    def fails():
+        raise error
+
+    return fails
+
+
+def test_a_scheduler_lost_while_it_hands_receipts_over_is_a_lost_cluster(job: Job, monkeypatch) -> None:
+    events: list = []
+    with pytest.raises(ClusterLostError, match="run the same command again"):
+        drive(job, chain(1), client_whose_receipts(raising(CommClosedError("reset by peer")), monkeypatch), events)
+    assert [e["event"] for e in events][:2] == ["start", "done"], "what was done is told all the same"
+
+
+def test_a_scheduler_lost_while_it_hands_an_error_over_is_a_lost_cluster(job: Job) -> None:
+    class Unreachable(_LostFuture):
+        status = "error"
+
+        def exception(self, timeout: float) -> Exception:
+            raise TimeoutError
+
     client = SimpleNamespace(
-        submit=lambda *args, **options: _LostFuture(error),
+        submit=lambda *args, **options: Unreachable(TimeoutError()),
         scheduler=SimpleNamespace(ncores=None),
         sync=lambda call, callback_timeout: {"worker": 1},
     )
@@ -208,18 +239,10 @@ def test_a_scheduler_lost_while_it_hands_a_result_over_is_a_lost_cluster(job: Jo
         drive(job, chain(1), client)
 
 
-def test_a_receipt_that_died_with_its_worker_loses_no_work(job: Job) -> None:
-    def submit(attempt, task, context, node, **options) -> _LostFuture:
-        attempt(task, context, node)
-        return _LostFuture(KilledWorker("a", "tcp://127.0.0.1:1", 0))
-
-    client = SimpleNamespace(
-        submit=submit,
-        scheduler=SimpleNamespace(ncores=None),
-        sync=lambda call, callback_timeout: {"worker": 1},
-    )
+@pytest.mark.parametrize("answer", [raising(TimeoutError()), lambda: {0: None}, dict])
+def test_receipts_that_died_with_their_worker_lose_no_work(job: Job, monkeypatch, answer) -> None:
     events: list = []
-    outcome = drive(job, chain(2), client, events)
+    outcome = drive(job, chain(2), client_whose_receipts(answer, monkeypatch), events)
     assert outcome.complete
     assert [e["event"] for e in events].count("done") == len(outcome.done) == 4
     assert all(runs_of(job, s, i) == 1 for s in "ab" for i in range(2))

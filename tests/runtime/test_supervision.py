@@ -17,6 +17,7 @@ from yesnt.io.commands import Command, own_name, send_command, take_commands
 from yesnt.io.lease import Lease
 from yesnt.io.records import RecordBook
 from yesnt.planning.graph import Graph, Node
+from yesnt.runtime import event_queue
 from yesnt.runtime import supervisor as supervisor_module
 from yesnt.runtime.driver import Driver, DriverSettings, Outcome
 from yesnt.runtime.host_failures import HostFailures
@@ -29,6 +30,7 @@ RUN, BY = "run-1", "ann@here"
 @pytest.fixture(autouse=True)
 def _always_looking(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(supervisor_module, "CHECK_SECONDS", 0.0)
+    monkeypatch.setattr(event_queue, "FLUSH_SECONDS", 0.0)
 
 
 def chain(count: int) -> Graph:

@@ -64,8 +64,13 @@ class RecordIndex:
     def __init__(self, book: RecordBook, memory: Path) -> None:
         self._book, self._memory = book, memory
         self._known = _load(memory)
-        self._found: dict[tuple[str, str], Signature] = dict(_scan(book.folder))
-        self._changed = self._known.keys() != self._found.keys()
+        self._changed = False
+        self.look_again()
+
+    def look_again(self) -> None:
+        """Takes notice of records that were written, replaced or removed since."""
+        self._found: dict[tuple[str, str], Signature] = dict(_scan(self._book.folder))
+        self._changed = self._changed or self._known.keys() != self._found.keys()
 
     def find(self, stage: object, frame: int) -> Entry | None:
         """The entry of a frame; None if it has no record that can be read."""

@@ -8,14 +8,15 @@ from typing import Any
 
 from yesnt.io.records import RecordBook
 from yesnt.planning.graph import Node
+from yesnt.runtime.packed import Packed
 
 _WORKER = "yesnt_worker"
 
 
-def attempt(task: Callable[[Any, Node], dict[str, Any]], context: Any, node: Node) -> dict[str, Any]:
+def attempt(task: Callable[[Any, Node], dict[str, Any]], context: Packed, node: Node) -> dict[str, Any]:
     """Runs a task; the address of its worker is added to the receipt, or to the error."""
     try:
-        return {**task(context, node), "worker": _own_address()}
+        return {**task(context.unpack(), node), "worker": _own_address()}
     except Exception as error:
         with suppress(AttributeError, TypeError):  # an error without attributes says nothing of its worker
             setattr(error, _WORKER, _own_address())

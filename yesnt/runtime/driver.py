@@ -9,24 +9,19 @@ from __future__ import annotations
 import queue
 import time
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from yesnt.core.errors import LeaseLostError, MissingPartError, ShortageError, YesntError
 from yesnt.core.fault_points import fault_point
+from yesnt.core.stage_id import StageId
 from yesnt.io.durable import is_full
 from yesnt.io.records import RecordBook
 from yesnt.planning.graph import Graph, Node, NodeId
 from yesnt.runtime.attempt import attempt, recorded, worker_of
-from yesnt.runtime.scheduler_watch import (
-    SchedulerWatch,
-    gathered,
-    lost,
-    no_worker_errors,
-    received,
-    without_workers,
-)
+from yesnt.runtime.event_queue import FLUSH_SECONDS, EventQueue, Receipt
+from yesnt.runtime.packed import Packed
+from yesnt.runtime.scheduler_watch import SchedulerWatch, lost, no_worker_errors, received, without_workers
 from yesnt.runtime.start_order import ReadyNodes
 from yesnt.runtime.supervisor import Supervisor
 from yesnt.runtime.worker_pools import WorkerPools
@@ -34,7 +29,6 @@ from yesnt.runtime.worker_pools import WorkerPools
 if TYPE_CHECKING:
     from distributed import Client
 
-Receipt = dict[str, Any]
 Task = Callable[[Any, Node], Receipt]
 Listener = Callable[[Mapping[str, Any]], None]
 
@@ -88,9 +82,16 @@ class Outcome:
         return not (self.failed or self.dead or self.blocked)
 
 
-def is_done(book: RecordBook, node: Node) -> bool:
+class Records(Protocol):
+    """What knows whether a frame is done: the records themselves, or their index."""
+
+    def done(self, stage: StageId, frame: int, key: str) -> Any:
+        """Something true if the frame's record holds this key and its files are those that were committed."""
+
+
+def is_done(records: Records, node: Node) -> bool:
     """Whether every frame of a node has a record that holds its key."""
-    return all(book.done(node.stage, frame, node.frame_key(frame)) for frame in node.frames)
+    return all(records.done(node.stage, frame, node.frame_key(frame)) for frame in node.frames)
 
 
 class Driver:
@@ -117,7 +118,7 @@ class Driver:
         listen: Listener = lambda event: None,
         supervisor: Supervisor | None = None,
     ) -> None:
-        self._context, self._graph, self._book, self._task = context, graph, book, task
+        self._context, self._graph, self._book, self._task = Packed.of(context), graph, book, task
         self._settings, self._listen = settings or DriverSettings(), listen
         self._supervisor = supervisor or Supervisor(tell=listen)
         self._pools = WorkerPools(self._settings.gpu_stages, self._settings.pools)
@@ -127,22 +128,26 @@ class Driver:
         self._suspects: list[NodeId] = []
         self._running: dict[NodeId, Any] = {}  # of distributed.Future
         self._finished: queue.SimpleQueue[tuple[NodeId, Any]] = queue.SimpleQueue()
-        self._unread: list[tuple[Node, Any]] = []  # finished, and their users are on their way; receipts not fetched
+        self._events = EventQueue(listen, self._receive)
         self._attempts: dict[NodeId, int] = {}  # the number of the last one
         self._failures: dict[NodeId, int] = {}
         self._deaths: dict[NodeId, int] = {}
         self._outcome = Outcome()
 
-    def reuse(self) -> Outcome:
+    def reuse(self, records: Records | None = None) -> Outcome:
         """Marks the nodes that are done already; returns the outcome so far. Needs no cluster.
 
         A transient node counts as done if all its users are, even if its own result has been removed.
+
+        Args:
+            records: says what is done; None: the records, read one by one.
         """
+        records = records or self._book
         settled: set[NodeId] = set()
         for node in reversed(list(self._graph)):
             users = self._users[node.id]
             served = node.transient and bool(users) and settled.issuperset(users)
-            if served or is_done(self._book, node):
+            if served or is_done(records, node):
                 settled.add(node.id)
         self._outcome.reused += [node_id for node_id in self._graph.nodes if node_id in settled]
         for node_id in settled:
@@ -170,43 +175,39 @@ class Driver:
 
         self._client, self._watch = client, SchedulerWatch(client, self._pools)
         try:
-            while self._waiting or self._unread:
+            while self._waiting:
                 self._supervisor.check()
                 self._skip()
                 self._watch.refresh()
-                started = self._fill(self._watch.slots(self._supervisor.hosts.blocked))
+                self._fill(self._watch.slots(self._supervisor.hosts.blocked))
                 if reason := self._watch.newly_waits(self._ready.stages()):
+                    self._events.flush(client, at_once=True)
                     self._listen({"event": "waiting", "time": time.time(), "reason": reason})
-                self._read_receipts()
-                for node, number in started:
-                    self._tell("start", node, attempt=number)
-                if self._waiting:
-                    self._collect()
+                self._events.flush(client)
+                self._collect()
+            self._events.flush(client, at_once=True)
         except CommClosedError as error:  # it may go while a receipt is on its way
             raise lost("its connection broke") from error
         finally:
+            self._events.flush(None, at_once=True)
             for future in self._running.values():
                 future.release()
         return self._outcome
 
-    def _fill(self, slots: int) -> list[tuple[Node, int]]:
+    def _fill(self, slots: int) -> None:
         """Keeps one task per worker thread running.
 
         A node whose worker died runs alone, so that a second death is its own.
-
-        Returns:
-            what it started, each with the number of the attempt.
         """
         if self._suspects and not self._running:
-            alone = self._suspects[-1]
-            return [self._submit(self._suspects.pop())] if self._supervisor.admit(alone[0].name) else []
-        started: list[tuple[Node, int]] = []
+            if self._supervisor.admit(self._suspects[-1][0].name):
+                self._submit(self._suspects.pop())
+            return
         while len(self._running) < slots and not self._quarantine():
             node_id = self._ready.pop(self._may_start)
             if node_id is None:
-                break
-            started.append(self._submit(node_id))
-        return started
+                return
+            self._submit(node_id)
 
     def _may_start(self, stage: str) -> bool:
         """Whether a worker is free for one more task of a stage, and the supervisor admits it."""
@@ -215,7 +216,7 @@ class Driver:
     def _quarantine(self) -> bool:
         return bool(self._suspects) or any(self._deaths.get(node_id) for node_id in self._running)
 
-    def _submit(self, node_id: NodeId) -> tuple[Node, int]:
+    def _submit(self, node_id: NodeId) -> None:
         node = self._graph.nodes[node_id]
         number = self._attempts[node_id] = self._attempts.get(node_id, -1) + 1
         # The prefix before the hash groups the dashboard's bars by stage.
@@ -229,8 +230,8 @@ class Driver:
         )  # fmt: skip
         self._running[node_id] = future
         fault_point("driver.after_submit")
+        self._tell("start", node, attempt=number)
         future.add_done_callback(lambda done, node_id=node_id: self._finished.put((node_id, done)))
-        return node, number
 
     def _skip(self) -> None:
         """Gives up the nodes that the user wants to be left out."""
@@ -254,7 +255,7 @@ class Driver:
     def _collect(self) -> None:
         """Waits for a task to end and handles all that have ended."""
         try:
-            self._take(*self._finished.get(timeout=0.5))
+            self._take(*self._finished.get(timeout=FLUSH_SECONDS if len(self._events) else 0.5))
             while True:
                 self._take(*self._finished.get_nowait())
         except queue.Empty:
@@ -270,36 +271,17 @@ class Driver:
         del self._running[node_id]
         if status == "finished":
             self._succeed(node)
-            self._unread.append((node, future))
+            self._events.done(node, future)
         else:
             self._fail(node, received(future.exception))
 
-    def _read_receipts(self) -> None:
-        """Fetches the receipts of finished tasks; their successors were submitted before, so no worker waits for it."""
-        unread, self._unread = self._unread, []
-        for (node, _), receipt in zip(unread, self._fetched(unread), strict=True):
-            self._supervisor.hosts.succeeded(receipt.get("worker", ""))
-            self._outcome.busy_seconds += receipt["seconds"]
-            self._outcome.kernel_seconds += receipt["kernel_seconds"]
-            self._tell("done", node, **receipt)
-            fault_point("driver.after_receipt")
-
-    def _fetched(self, unread: list[tuple[Node, Any]]) -> list[Receipt]:
-        """Receipts of finished tasks in one request: one each takes a driver of hundreds of workers all its time."""
-        from distributed import KilledWorker
-
-        if len(unread) > 1:
-            with suppress(KilledWorker):  # then one by one, which shows whose worker it was
-                return gathered([future for _, future in unread])
-        return [self._receipt(node, future) for node, future in unread]
-
-    def _receipt(self, node: Node, future: Any) -> Receipt:
-        from distributed import KilledWorker
-
-        try:
-            receipt: Receipt = received(future.result)
-        except KilledWorker:  # the worker died with it, and the next one while Dask had it made again
-            return recorded(self._book, node)
+    def _receive(self, node: Node, receipt: Receipt | None) -> Receipt:
+        """Counts what a finished task took; its successors were submitted before, so no worker waits for this."""
+        receipt = receipt or recorded(self._book, node)
+        self._supervisor.hosts.succeeded(receipt.get("worker", ""))
+        self._outcome.busy_seconds += receipt["seconds"]
+        self._outcome.kernel_seconds += receipt["kernel_seconds"]
+        fault_point("driver.after_receipt")
         return receipt
 
     def _succeed(self, node: Node) -> None:
@@ -359,6 +341,7 @@ class Driver:
     def _blame(self, node: Node, worker: str, reason: str) -> None:
         """Notes on which host a node failed; a host that fails one after another gets no more."""
         if worker:
+            self._events.flush(self._client, at_once=True)  # what succeeded on the host before counts for it
             blocked = self._supervisor.hosts.failed(node.id, worker, reason, self._watch.threads)
             if blocked:
                 self._supervisor.block(blocked)
@@ -385,6 +368,4 @@ class Driver:
                 stack.extend(self._users[user])
 
     def _tell(self, event: str, node: Node, **facts: Any) -> None:
-        self._listen(
-            {"event": event, "time": time.time(), "stage": node.stage.label, "frames": list(node.frames), **facts}
-        )
+        self._events.tell(event, node, **facts)

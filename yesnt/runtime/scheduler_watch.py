@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
 from typing import TYPE_CHECKING, Any
 
 from yesnt.core.errors import ClusterLostError
@@ -99,24 +99,6 @@ def no_worker_errors() -> tuple[type[Exception], ...]:
     from distributed.scheduler import NoValidWorkerError, NoWorkerError
 
     return NoValidWorkerError, NoWorkerError
-
-
-def gathered(futures: Sequence[Any]) -> list[Any]:
-    """Results of futures that have ended, in order, in one request.
-
-    Raises:
-        ClusterLostError: the scheduler is gone.
-    """
-    client = futures[0].client
-
-    def fetch(timeout: float) -> list[Any]:
-        patience = timeout + GATHER_SECONDS * len(futures)
-        found: list[Any] = client.sync(
-            lambda: client.gather(list(futures), asynchronous=True), callback_timeout=patience
-        )
-        return found
-
-    return list(received(fetch))
 
 
 def received(fetch: Callable[..., Any]) -> Any:

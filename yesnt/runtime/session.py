@@ -174,15 +174,17 @@ class Session:
         warnings = self.checks.form()
         result = RunResult(warnings=warnings, output=self.output.root)
         forced = [parse_force(self.job, text) for text in options.force]
+        index = self.open_index()
         with LazyCluster(where, worker_modules(self.job.shot)) as cluster:
-            if forced or any(not is_done(self.book, node) for node in wanted):
+            if forced or any(not is_done(index, node) for node in wanted):
                 cluster.begin(listen)
             result.warnings += self.checks.content()
             gone: list[LeaseState] = []
             with self.output.lock(gone.append) as lease, self._live_grid() as grid:
                 log = RunLog(self.output.run_state, lease, submission_of_this_process())
                 with open_run_log(log, self.output.events, (grid.apply, listen)) as tell:
-                    run = _Run(options, result, cluster, tell, grid, self._supervisor(log, lease, options, tell))
+                    supervisor = self._supervisor(log, lease, options, tell)
+                    run = _Run(options, result, cluster, tell, grid, supervisor, index)
                     try:
                         self._run_all(run, forced, gone)
                     except BaseException as error:
@@ -207,8 +209,9 @@ class Session:
         while self._pass(run):
             pass
         run.supervisor.confirm()
-        sweep_transients(self.graph(), self.book, self.output)
-        run.result.warnings += clamp_lines(self.job.frames, self.graph(), self._index_records())
+        self._index_records(run.index)
+        sweep_transients(self.graph(), run.index, self.output)
+        run.result.warnings += clamp_lines(self.job.frames, self.graph(), run.index)
 
     def _supervisor(self, log: RunLog, lease: Lease, options: RunOptions, tell: Listener) -> Supervisor:
         """Watches the run's commands, its lease, and that there is room for the frames under way."""
@@ -230,7 +233,8 @@ class Session:
             run.options.driver, order=wanted_order(self.job, run.options.frames), **self._pools(run.cluster.spec, graph)
         )
         driver = Driver(self.job, graph, self.book, run_node, settings, tell, run.supervisor)
-        reused = driver.reuse()
+        run.index.look_again()
+        reused = driver.reuse(run.index)
         tell({"event": "plan", "stages": _count(graph), "reused": _count_ids(reused.reused)})
         run.grid.lay_out(graph, reused.reused)
         outcome = reused
@@ -255,14 +259,13 @@ class Session:
         stages = frozenset(node.stage.name for node in graph if runs_on_gpu(node))
         return {"gpu_stages": stages, "pools": launcher_of(cluster).pools}
 
-    def _index_records(self) -> RecordIndex:
-        """The record index, brought up to date, so that the next `status` reads no records."""
-        index = self.open_index()
+    def _index_records(self, index: RecordIndex) -> None:
+        """Brings the record index up to date, so that the next `status` reads no records."""
+        index.look_again()
         for node in (node for node in self.graph() if not node.transient):
             for frame in node.frames:
                 index.find(node.stage, frame)
         index.save()
-        return index
 
     @property
     def dead_marks(self) -> DeadMarks:
@@ -301,6 +304,7 @@ class _Run:
     tell: Listener
     grid: LiveGrid
     supervisor: Supervisor
+    index: RecordIndex
 
 
 def _count(graph: Graph) -> dict[str, int]:

@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/ready
 BENCHMARKS := engine_overhead engine_memory engine_first_run temporal_speed relight_speed
 
-.PHONY: demo test test-slurm test-images test-long mutation lint bench blender train clean help
+.PHONY: demo test test-slurm test-images test-long chaos mutation lint bench blender train clean help
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/'
@@ -29,6 +29,9 @@ test-images: $(READY)  ## the container images' steps in a clean Debian root, up
 
 test-long: $(READY)  ## the long suites too
 	$(BIN)/python -m pytest -m ''
+
+chaos: $(READY)  ## kills, poison, damage, full disks, two drivers: hundreds of each, into chaos/ (an hour; resumes)
+	nice $(BIN)/python -m tests.chaos.run chaos
 
 lint: $(READY)  ## style and types
 	$(BIN)/pip install --quiet -c constraints.txt -e '.[dev]'

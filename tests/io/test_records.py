@@ -1,3 +1,4 @@
+import json
 from pathlib import Path
 
 import pytest
@@ -45,3 +46,27 @@ def test_litter_of_killed_processes_is_swept(tmp_path: Path) -> None:
     (tmp_path / "keep.exr").write_text("whole")
     assert sweep_partials(tmp_path) == 1
     assert (tmp_path / "keep.exr").exists()
+
+
+def test_a_record_with_any_flipped_bit_is_not_believed(tmp_path: Path) -> None:
+    book = RecordBook(tmp_path)
+    fields = {"stage": "relight", "version": 1}
+    seconds, facts = {"task": 0.30000000000000004}, {"host": "h"}
+    book.commit(Record("relight", 1001, key_of(fields), fields, {"diffuse": "d" * 32}, {}, seconds, facts))
+    path = book.path("relight", 1001)
+    data = path.read_bytes()
+    assert book.find("relight", 1001) is not None
+    for bit in range(0, 8 * len(data), 7):  # every place in a byte, and nearly every byte
+        flipped = bytearray(data)
+        flipped[bit // 8] ^= 1 << bit % 8
+        path.write_bytes(bytes(flipped))
+        assert book.find("relight", 1001) is None, f"bit {bit % 8} of byte {bit // 8}"
+
+
+def test_a_record_of_an_older_version_has_no_check_and_is_read(tmp_path: Path) -> None:
+    book = RecordBook(tmp_path)
+    path = book.path("relight", 1001)
+    path.parent.mkdir(parents=True)
+    document = {"stage": "relight", "frame": 1001, "key": "k", "fields": {}}
+    path.write_text(json.dumps(document))
+    assert book.find("relight", 1001) == Record(**document)

@@ -167,3 +167,21 @@ def test_another_size_of_frame_starts_anew(tmp_path: Path) -> None:
     store = FrameStore.create(tmp_path / "s.zarr", OBSERVED, range(2), 20, 24)
     store.write("observed", 0, np.ones((2, 20, 24), np.float32))
     assert held(FrameStore.create(store.path, OBSERVED, range(2), 20, 26), range(2)) == {}
+
+
+SPOILED = {
+    "cut at the end": lambda data: data[:-3],
+    "half": lambda data: data[: len(data) // 2],
+    "flipped in the index": lambda data: data[:-9] + bytes([data[-9] ^ 1]) + data[-8:],
+    "empty": lambda data: b"",
+}
+
+
+@pytest.mark.parametrize("how", SPOILED)
+def test_a_damaged_shard_is_written_over(store: FrameStore, how: str) -> None:
+    """Zarr reads the index of a shard before it replaces the shard."""
+    store.write("observed", 1, frame(1))
+    path = store.shard_path("observed", 1)
+    path.write_bytes(SPOILED[how](path.read_bytes()))
+    digest = store.write("observed", 1, frame(2))
+    np.testing.assert_array_equal(store.read("observed", 1, digest), frame(2))

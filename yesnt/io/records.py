@@ -12,7 +12,7 @@ from typing import Any
 
 from yesnt.core.fault_points import fault_point
 from yesnt.core.stage_id import StageId
-from yesnt.io.durable import retried, write_json
+from yesnt.io.durable import retried, write_bytes
 from yesnt.io.file_digests import file_digest
 
 FileState = tuple[int, int]
@@ -33,6 +33,7 @@ class Record:
         seconds: time in the task, and in its kernel.
         facts: small numbers for reports (peak memory, iterations, patches, thread counts).
         file_states: the paths of `files` -> size in bytes and time of the last change in nanoseconds at the commit.
+        check: digest of the record's own text, so that a damaged record is never believed; "" in older records.
     """
 
     stage: str
@@ -44,6 +45,7 @@ class Record:
     seconds: Mapping[str, float] = field(default_factory=dict)
     facts: Mapping[str, Any] = field(default_factory=dict)
     file_states: Mapping[str, FileState] = field(default_factory=dict)
+    check: str = ""
 
 
 def digest_of(document: Any) -> str:
@@ -116,16 +118,17 @@ class RecordBook:
         path = self.path(record.stage, record.frame)
         path.parent.mkdir(parents=True, exist_ok=True)
         fault_point("record.before_commit")
-        write_json(path, vars(record))
+        write_bytes(path, _text_of(record).encode())
         fault_point("record.after_commit")
 
     def find(self, stage: StageId | str, frame: int) -> Record | None:
         """The record of a frame, or None if there is none that can be read (then the frame is simply not done)."""
         try:
-            document = json.loads(retried(self.path(stage, frame).read_text))
-            return Record(**document)
+            text = retried(self.path(stage, frame).read_text)
+            record = Record(**json.loads(text))
         except (OSError, ValueError, TypeError):
             return None
+        return record if not record.check or _check_of(text, record.check) == record.check else None
 
     def done(self, stage: StageId | str, frame: int, key: str) -> Record | None:
         """The record of a frame if it holds this key and the frame's files are those that were committed."""
@@ -177,6 +180,21 @@ class RecordBook:
         for path in self.folder.glob("*/*.json"):
             if int(path.stem) not in kept:
                 path.unlink(missing_ok=True)
+
+
+_NO_CHECK = "0" * 32
+
+
+def _text_of(record: Record) -> str:
+    """JSON of a record, keys sorted, with its check."""
+    text = json.dumps(vars(record) | {"check": _NO_CHECK}, sort_keys=True, indent=1) + "\n"
+    place = f'"check": "{_NO_CHECK}"'
+    return text.replace(place, f'"check": "{_hash(text)}"', 1)
+
+
+def _check_of(text: str, check: str) -> str:
+    """The check that a record's text should hold, given the one that it does hold."""
+    return _hash(text.replace(f'"check": "{check}"', f'"check": "{_NO_CHECK}"', 1))
 
 
 def file_state(path: Path) -> FileState:

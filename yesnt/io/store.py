@@ -83,8 +83,19 @@ class FrameStore:
         if frame.shape != array.shape[1:]:
             raise ValueError(f"{name}[{position}]: frame {frame.shape} is not a whole frame {array.shape[1:]}")
         values = np.ascontiguousarray(frame, dtype=array.dtype)
-        array[position] = values
+        self._put(array, name, position, values)
         return array_digest(values)
+
+    def _put(self, array: zarr.Array, name: str, position: int, values: NDArray[Any]) -> None:
+        """Writes a frame over whatever is there: Zarr reads an old shard's index first, and refuses a damaged one."""
+        try:
+            array[position] = values
+        except (ValueError, RuntimeError, IndexError, KeyError):
+            old = self.shard_path(name, position)
+            if not old.exists():
+                raise
+            old.unlink()
+            array[position] = values
 
     def link(self, source: str, name: str, position: int) -> None:
         """Makes a frame of one array that of another of the same form too, without reading or writing its pixels.

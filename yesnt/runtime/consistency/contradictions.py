@@ -14,6 +14,7 @@ Facts = Mapping[str, Any]
 
 _RAY = 0.5  # share of distance along the ray in depth: 0.03 at most on the capture stage's shots, 1 if it is that
 _NEITHER = 1.6  # and where it explains nothing: 2.7 for fx in millimetres, 25 for depth in 0 to 1
+_STEEP = 1.4  # slopes of right shots are 1.01 to 1.04 times those of the normals, of depth in 0 to 1 3 and more
 _RAY_GAIN = 1.5  # least gain of misfit: noisy normals gave 1.1, the shots of the capture stage 2 and more
 _SIZES = (0.02, 50.0)  # metres: a subject of the capture is between a hand and a truck
 _BRIGHT = 0.05  # share of pixels brighter than white paper would be
@@ -67,15 +68,16 @@ def _of_depth(facts: Sequence[Facts], where: str) -> Iterable[str]:
     known = [one for one in facts if one["ray"] is not None and one["along"] is not None]
     certain = [one["ray"] for one in known if one["ray_gain"] > _RAY_GAIN and one["along"] > SLOPES]
     share = float(np.mean(certain)) if certain else 0.0
-    if abs(share) > _NEITHER:
-        yield (
-            f"gbuffer: the slopes of depth are not those of the normals ({where}): depth in 0 to 1 or in other units, "
-            "or fx, fy that are not in pixels"
-        )
-    elif share > _RAY:
+    steep = _mean([one for one in known if one["steep"] is not None and one["along"] > SLOPES], "steep")
+    if _RAY < share < _NEITHER:
         yield f"gbuffer: by its normals depth is distance along the ray ({share:.0%}; {where}): say `z_kind: ray`"
-    elif share < -_RAY:
+    elif -_NEITHER < share < -_RAY:
         yield f"gbuffer: by its normals depth is planar and not distance along the ray ({-share:.0%}; {where})"
+    elif steep < 1 / _STEEP or steep > _STEEP:
+        yield (
+            f"gbuffer: depth changes {steep:.3g} times as much as the normals say ({where}): depth from 0 to 1 or "
+            "from another plane than the camera's, or another focal length (fx, fy are in pixels)"
+        )
     extent = _mean(facts, "extent")
     if 0 < extent < _SIZES[0] or extent > _SIZES[1]:
         yield (

@@ -74,6 +74,19 @@ def predicted_slopes(sample: Sample, normal: F64) -> tuple[F64, NDArray[np.bool_
     return predicted, good & (np.abs(predicted) < _EDGE)
 
 
+def steepness(sample: Sample) -> float:
+    """How many times as much depth changes as the normals say: 1 where z is planar depth from 0; NaN: unknown.
+
+    Units do not change it; an offset (depth from 0 to 1 between two planes) and a wrong focal length do. The median of
+    the steeper half of the slopes.
+    """
+    predicted, good = predicted_slopes(sample, sample.normal)
+    if good.sum() <= 2 * LEAST:
+        return float("nan")
+    steep = good & (np.abs(predicted) > np.median(np.abs(predicted[good])))
+    return float(np.median(sample.slopes[steep] / predicted[steep]))
+
+
 def ray_share(sample: Sample) -> tuple[float, float]:
     """How much depth looks like distance along the ray.
 

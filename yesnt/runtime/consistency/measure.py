@@ -13,7 +13,7 @@ from yesnt.io import shot_inputs
 from yesnt.io.mesh import read_proxy
 from yesnt.relight import EnvMap, ProxyScene
 from yesnt.runtime.consistency import exposure, proxy
-from yesnt.runtime.consistency.geometry import agreement, hypotheses, ray_share
+from yesnt.runtime.consistency.geometry import agreement, hypotheses, ray_share, steepness
 from yesnt.runtime.consistency.sample import GOOD, LEAST, SLOPES, Sample, take_sample
 from yesnt.tasks.light import frame_map
 
@@ -21,8 +21,9 @@ from yesnt.tasks.light import frame_map
 def measure_frame(job: Job, frame: int, camera: Camera) -> dict[str, Any]:
     """Facts of a frame; empty where it has too few covered pixels to conclude anything.
 
-    Keys: `zero`, `unit`, `facing`, `along` (shares), `mends` (what mends normals: share), `ray`, `ray_gain`, `extent`
-    (metres), `bright` (share), `albedo` (median, 99th percentile), `proxy` (hit, agree, ratio, degenerate, mends).
+    Keys: `zero`, `unit`, `facing`, `along` (shares), `mends` (what mends normals: share), `ray`, `ray_gain`, `steep`
+    (slope of depth over that of the normals), `extent` (metres), `bright` (share), `albedo` (median, 99th percentile),
+    `proxy` (hit, agree, ratio, degenerate, mends).
     """
     plate, surface = shot_inputs.read_plate(job, frame, working=True), shot_inputs.read_surface(job, frame, camera)
     sample = take_sample(camera, frame, plate, surface)
@@ -30,7 +31,7 @@ def measure_frame(job: Job, frame: int, camera: Camera) -> dict[str, Any]:
         return {}
     facts = _normals(sample, job.shot.gbuffer)
     share, gain = ray_share(sample)
-    facts |= {"ray": _known(share), "ray_gain": gain, "extent": sample.extent}
+    facts |= {"ray": _known(share), "ray_gain": gain, "steep": _known(steepness(sample)), "extent": sample.extent}
     spec = job.shot.capture_light
     estimated = spec is not None and spec.path is None
     facts |= _brightness(sample, frame_map(job, None if estimated else spec, frame))

@@ -155,6 +155,13 @@ def test_views_are_named_where_none_is_chosen_and_where_it_is_wrong(tmp_path: Pa
         find_color(found, plate(view="middle"), "plate")
 
 
+def test_a_matte_of_a_stereo_file_is_named_in_full(tmp_path: Path) -> None:
+    found = headers(tmp_path, "A left.A", view=("right", "left"))
+    assert [c.name for c in find_matte(found, "left.A")] == ["left.A"]
+    with pytest.raises(JobError, match=r"has the views left, right.*export one view alone"):
+        find_matte(found, None)
+
+
 def test_parts_with_views_are_chosen(tmp_path: Path) -> None:
     planes = {c: PLANE for c in "RGB"}
     parts = [Raw(planes, name=f"rgba.{v}", attributes={"view": ("string", v.encode())}) for v in ("left", "right")]

@@ -21,6 +21,9 @@ X_Y_Z = {"X": ("x", "r", "red"), "Y": ("y", "g", "green"), "Z": ("z", "b", "blue
 ALPHA = ("a", "alpha")
 """Spellings of components, in lower case."""
 
+WITH_VIEW = ("plate", "background", "gbuffer")
+"""Sections of the job file that may name a view."""
+
 
 @dataclass(frozen=True)
 class Channel:
@@ -58,6 +61,11 @@ class Channel:
         return frozenset({self.layer, self.part_layer} | ({self.header.name} if not self.layer else set()))
 
 
+def all_channels(headers: Sequence[ImageHeader]) -> list[Channel]:
+    """The channels of all parts and views."""
+    return [channel for header in headers for channel in _of_part(header)]
+
+
 def channels_of(headers: Sequence[ImageHeader], view: str | None, key: str) -> list[Channel]:
     """The channels of all parts; of one view where the file has several.
 
@@ -69,7 +77,7 @@ def channels_of(headers: Sequence[ImageHeader], view: str | None, key: str) -> l
     Raises:
         JobError: the file has several views and the job names none, or one that is absent.
     """
-    found = [channel for header in headers for channel in _of_part(header)]
+    found = all_channels(headers)
     views = sorted({channel.view for channel in found if channel.view})
     if view is not None and view not in views:
         raise JobError(
@@ -79,7 +87,7 @@ def channels_of(headers: Sequence[ImageHeader], view: str | None, key: str) -> l
     if view is None and len(views) > 1:
         raise JobError(
             f"The picture has the views {', '.join(views)}", headers[0].path, "one view",
-            f"name it with `view:` under key {key}",
+            f"name it with `view:` under key {key}" if key in WITH_VIEW else "export one view alone",
         )  # fmt: skip
     return [channel for channel in found if view is None or channel.view in ("", view)]
 

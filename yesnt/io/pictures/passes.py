@@ -17,6 +17,7 @@ from yesnt.io.pictures.channels import (
     X_Y_Z,
     Channel,
     absent_layer,
+    all_channels,
     channels_of,
     last_word,
     layer_groups,
@@ -124,9 +125,9 @@ def find_matte(headers: Headers, channel: str | None, key: str = "matte") -> tup
     Raises:
         JobError: absent, or not obvious.
     """
-    channels = channels_of(headers, None, key)
     if channel is not None:
-        return (named(channels, channel, key),)
+        return (named(all_channels(headers), channel, key),)
+    channels = channels_of(headers, None, key)
     alphas = [c for c in channels if c.component.lower() in ALPHA and not c.layer]
     if len(channels) == 1 or len(alphas) == 1:
         return ((alphas or channels)[0],)

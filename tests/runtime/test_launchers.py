@@ -267,6 +267,17 @@ def test_a_driver_is_requeued_only_when_its_time_is_over(
     assert (done.returncode, done.stdout) == (status, "requeue 5\n" if requeued else "")
 
 
+def test_a_job_that_submits_jobs_does_not_hand_its_own_options_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "sbatch").write_text("#!/bin/sh\necho ${SLURM_CONF}:${SLURM_MEM_PER_CPU}\n")
+    (tmp_path / "sbatch").chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    monkeypatch.setenv("SLURM_MEM_PER_CPU", "1024")
+    monkeypatch.setenv("SLURM_CONF", "conf")
+    assert slurm_commands.submit("", tmp_path) == "conf:"
+
+
 # --- topping up
 
 

@@ -30,11 +30,13 @@ SlurmctldLogFile=$folder/slurmctld.log
 SlurmdLogFile=$folder/slurmd.log
 SchedulerParameters=sched_interval=1,batch_sched_delay=0
 KillWait=5
+GresTypes=gpu
 # More processors than there are: several small jobs may run side by side on a small machine.
 SlurmdParameters=config_overrides
-NodeName=$host NodeAddr=127.0.0.1 CPUs=$((cores > 8 ? cores : 8)) RealMemory=16000
+NodeName=$host NodeAddr=127.0.0.1 CPUs=$((cores > 8 ? cores : 8)) RealMemory=16000 Gres=gpu:fake:2
 PartitionName=debug Nodes=$host Default=YES State=UP
 CONF
+echo "NodeName=$host Name=gpu Type=fake Count=2" > "$folder/gres.conf"   # no device behind them
 chown munge: /run/munge
 munge -n > /dev/null 2>&1 || su -s /bin/sh munge -c /usr/sbin/munged
 for _ in $(seq 50); do munge -n > /dev/null 2>&1 && break; sleep 0.1; done

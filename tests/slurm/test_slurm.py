@@ -17,7 +17,7 @@ import psutil
 import pytest
 import yaml
 
-from tests.fake_tasks import A, FakeTask, fake_task, runs_of
+from tests.fake_tasks import A, B, FakeTask, fake_task, runs_of
 from tests.tiny_shot import write_tiny_shot
 from yesnt.core.errors import ClusterLostError
 from yesnt.core.shot import Job
@@ -27,6 +27,7 @@ from yesnt.planning.graph import Graph, Node
 from yesnt.runtime.cluster import open_cluster
 from yesnt.runtime.driver import Driver, DriverSettings
 from yesnt.runtime.launchers.spec import ClusterSpec, read_cluster
+from yesnt.runtime.launchers.table import check_cluster, launcher_of
 
 pytestmark = [
     pytest.mark.slurm,
@@ -168,6 +169,28 @@ def test_a_submission_leaves_nothing_here_and_delivers_the_same(
     printed = subprocess.run(yesnt("logs", shot), check=True, text=True, stdout=subprocess.PIPE).stdout
     assert "progress 100%" in printed
     assert delivered(shot) == expected
+
+
+def test_gpu_tasks_go_to_jobs_that_have_a_gpu(tmp_path: Path) -> None:
+    job = Job(shot=load_shot(write_tiny_shot(tmp_path / "s")), root=str(tmp_path), frames=(), width=1, height=1)
+    graph = Graph([Node(stage, i, (i,), {"n": i}, (), FakeTask(sleep=0.2)) for stage in (A, B) for i in range(8)])
+    farm = profile(tmp_path, walltime="10m", workers=1, gpu={"workers": 1, "type": "fake", "memory": "1500MiB"})
+    spec = read_cluster(str(farm)).of_job(True, tmp_path / "run")
+    check_cluster(spec)
+    settings = DriverSettings(gpu_stages=frozenset({"a"}), pools=launcher_of(spec).pools)
+    events: list = []
+    with open_cluster(spec) as client:
+        driver = Driver(job, graph, RecordBook(tmp_path / "records"), fake_task, settings, events.append)
+        driver.reuse()
+        assert driver.run(client).complete
+        workers = client.scheduler_info(n_workers=-1)["workers"]
+    done = [event for event in events if event["event"] == "done"]
+    assert len(done) == 16
+    for event in done:
+        worker = workers[event["worker"]]
+        pool = {"a": "GPU", "b": "CPU"}[event["stage"]]
+        assert worker["resources"] == {pool: 1.0}
+        assert str(worker["name"]).startswith(pool.lower())
 
 
 def test_a_python_that_is_not_there_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -128,7 +128,13 @@ def _command(words: list[str], text: str | None = None) -> subprocess.CompletedP
     try:
         return subprocess.run(
             words, input=text, capture_output=True, text=True, timeout=COMMAND_SECONDS, start_new_session=True,
-            env={**os.environ, "SLURM_TIME_FORMAT": "standard"},
+            env=_environment(),
         )  # fmt: skip
     except subprocess.TimeoutExpired:
         return None
+
+
+def _environment() -> dict[str, str]:
+    """This process's environment without the variables of a job that it runs in, which sbatch would read as options."""
+    own = ("SLURM_CONF", "SLURM_CLUSTERS")
+    return {name: value for name, value in os.environ.items() if not name.startswith("SLURM_") or name in own}

@@ -9,7 +9,7 @@ import stat
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -287,7 +287,7 @@ class Farm:
     def __init__(self, refuses: str = "", dies: bool = False) -> None:
         self.running: set[str] = set()
         self.started: list[str] = []
-        self.refuses, self.dies, self.silent = refuses, dies, False
+        self.refuses, self.dies, self.silent, self.suffix = refuses, dies, False, ""
 
     def start(self, group: WorkerGroup) -> str:
         if self.refuses:
@@ -306,10 +306,17 @@ class Farm:
     def log_of(self, token: str) -> str:
         return "no module named yesnt"
 
+    @property
+    def ever(self) -> set[str]:
+        return {f"{name}{self.suffix}" for name in self.started if not self.dies}
 
-def topped(farm: Farm, tmp_path: Path, joined: Callable[[], set[str]] | None = None, **options: float) -> TopUp[str]:
+    def now(self) -> set[str]:
+        return {f"{name}{self.suffix}" for name in self.running}
+
+
+def topped(farm: Farm, tmp_path: Path, **options: float) -> TopUp[str]:
     groups = [(group, farm) for group in numbered_groups("CPU", 2, 1, 1 << 30)]
-    return TopUp(groups, joined or (lambda: set(farm.running)), tmp_path / "log", **options)
+    return TopUp(groups, farm, tmp_path / "log", **options)
 
 
 def test_a_group_that_ends_is_replaced_under_a_new_name(tmp_path: Path) -> None:
@@ -342,7 +349,7 @@ def test_a_farm_that_does_not_answer_loses_no_worker(tmp_path: Path) -> None:
 def test_workers_that_never_start_end_the_run_with_the_reason(tmp_path: Path, farm: Farm, why: str) -> None:
     lost: list[int] = []
     groups = [(group, farm) for group in numbered_groups("CPU", 1, 1, 1 << 30)]
-    top = TopUp(groups, set, tmp_path / "log", lambda: lost.append(1))
+    top = TopUp(groups, farm, tmp_path / "log", lambda: lost.append(1))
     for now in range(0, 200, 5):
         top.step(float(now))
     problem = top.problem()
@@ -354,7 +361,7 @@ def test_workers_that_never_start_end_the_run_with_the_reason(tmp_path: Path, fa
 def test_one_bad_host_does_not_end_a_run_that_others_carry(tmp_path: Path) -> None:
     good, bad = Farm(), Farm(dies=True)
     groups = numbered_groups("CPU", 2, 1, 1 << 30)
-    top: TopUp[str] = TopUp([(groups[0], good), (groups[1], bad)], lambda: set(good.running), tmp_path / "log")
+    top: TopUp[str] = TopUp([(groups[0], good), (groups[1], bad)], good, tmp_path / "log")
     for now in range(0, 300, 5):
         top.step(float(now))
     assert top.problem() is None
@@ -363,7 +370,8 @@ def test_one_bad_host_does_not_end_a_run_that_others_carry(tmp_path: Path) -> No
 
 def test_processes_of_one_job_count_as_joined(tmp_path: Path) -> None:
     farm = Farm()
-    top = topped(farm, tmp_path, lambda: {f"{name}-3" for name in farm.started})
+    farm.suffix = "-3"
+    top = topped(farm, tmp_path)
     for now in range(0, 100, 5):
         top.step(float(now))
         farm.running.clear()

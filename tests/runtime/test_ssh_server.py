@@ -63,26 +63,29 @@ def test_a_lost_connection_and_a_killed_worker_change_no_byte(tmp_path: Path, cl
         "environment": {"PYTHONPATH": str(Path(__file__).parents[2])},
     }  # fmt: skip
     (tmp_path / "farm.yaml").write_text(yaml.safe_dump(farm))
-    run = subprocess.Popen(yesnt("run", remote, "--cluster", tmp_path / "farm.yaml"), stdout=subprocess.PIPE, text=True)
-    assert run.stdout is not None
     lines, cut, killed = [], False, False
-    for line in run.stdout:
-        lines.append(line)
-        percent = int(found[1]) if (found := re.match(r"progress (\d+)%", line)) else 0
-        if percent >= 20 and not cut:
-            connections = [p for p in psutil.Process(run.pid).children() if p.name() == "ssh"]
-            connections[0].kill()
-            cut = True
-        if percent >= 50 and not killed:
-            workers = [p for p in psutil.process_iter() if _is_worker(p, "cpu-1.1")]
-            workers[0].kill()
-            killed = True
+    words = yesnt("run", remote, "--cluster", tmp_path / "farm.yaml")
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as run:
+        assert run.stdout is not None
+        for line in run.stdout:
+            lines.append(line)
+            percent = int(found[1]) if (found := re.match(r"progress (\d+)%", line)) else 0
+            if percent >= 20 and not cut:
+                connections = [p for p in psutil.Process(run.pid).children() if p.name() == "ssh"]
+                connections[0].kill()
+                cut = True
+            if percent >= 50 and not killed:
+                workers = [p for p in psutil.process_iter() if _is_worker(p, "cpu-1.1")]
+                workers[0].kill()
+                killed = True
     assert run.wait() == 0, "".join(lines[-20:])
     assert cut
     assert killed
     for path in sorted((local.parent / "out/exr").glob("*.exr")):
         assert (remote.parent / "out/exr" / path.name).read_bytes() == path.read_bytes()
-    assert "cpu-0.1 has ended" in (remote.parent / "out/run/workers/launcher.log").read_text()
+    log = (remote.parent / "out/run/workers/launcher.log").read_text()
+    assert "cpu-0.1 has ended" in log
+    assert "cpu-0.2 is started" in log
 
 
 def _is_worker(process: psutil.Process, name: str) -> bool:

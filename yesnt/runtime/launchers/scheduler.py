@@ -57,6 +57,30 @@ def dashboard_address(cluster: Any) -> str:
     return f"http://127.0.0.1:{port}/status" if port else ""
 
 
-def joined(cluster: Any) -> set[str]:
-    """Names of the workers that are connected."""
-    return {str(worker.name) for worker in list(cluster.scheduler.workers.values())}
+class Joined:
+    """Names of the workers that are connected, and of all that ever were.
+
+    Attributes:
+        ever: all names so far, also of workers that left at once.
+    """
+
+    def __init__(self, cluster: Any) -> None:
+        from distributed import SchedulerPlugin
+
+        self._scheduler, self.ever = cluster.scheduler, set[str]()
+        names = self.ever
+
+        class Noted(SchedulerPlugin):
+            """Notes each worker that joins."""
+
+            name = "yesnt-joined"
+
+            def add_worker(self, scheduler: Any, worker: str) -> None:
+                """Called by the scheduler with the address of a worker that has joined."""
+                names.add(str(scheduler.workers[worker].name))
+
+        self._scheduler.add_plugin(Noted(), name=Noted.name)
+
+    def now(self) -> set[str]:
+        """Names of the workers that are connected."""
+        return {str(worker.name) for worker in list(self._scheduler.workers.values())}

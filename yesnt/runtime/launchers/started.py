@@ -12,7 +12,7 @@ from typing import Any
 
 from yesnt.runtime.launchers.certificates import Certificate, CertificateFiles, certificate_files, make_certificate
 from yesnt.runtime.launchers.profile import Started
-from yesnt.runtime.launchers.scheduler import dashboard_address, joined, scheduler_here
+from yesnt.runtime.launchers.scheduler import Joined, dashboard_address, scheduler_here
 from yesnt.runtime.launchers.table import Running
 from yesnt.runtime.launchers.top_up import RUN_UNTIL, Source, TopUp, topped_up
 from yesnt.runtime.launchers.worker_command import WorkerGroup
@@ -42,7 +42,7 @@ def workers_elsewhere(
         scheduler_here(certificate, profile.interface, profile.host) as cluster,
     ):
         groups = groups_of(cluster.scheduler_address, certificate, files)
-        top_up = TopUp(groups, partial(joined, cluster), log, partial(_lose, cluster), _ends_at())
+        top_up = TopUp(groups, Joined(cluster), log, partial(_lose, cluster), _ends_at())
         with topped_up(top_up):
             yield Running(cluster, certificate.security(), dashboard_address(cluster), top_up.problem)
 

@@ -47,6 +47,15 @@ class Source(Protocol[Token]):
         """The last lines that a group wrote, and where the rest is."""
 
 
+class Joined(Protocol):
+    """Which workers have joined the scheduler."""
+
+    ever: set[str]
+
+    def now(self) -> set[str]:
+        """Names of the workers that are connected."""
+
+
 @dataclass
 class _Slot(Generic[Token]):
     """A place for one worker group.
@@ -74,7 +83,7 @@ class TopUp(Generic[Token]):
 
     Args:
         groups: what is wanted, each with where it comes from.
-        joined: returns the names of the workers that are connected to the scheduler.
+        joined: the workers that are, and that were, connected to the scheduler.
         log: file that gets a line for each start and loss.
         lose: called once when the cluster is unusable; closes the scheduler, so that the run ends.
         ends_at: by the monotonic clock; no group is started after it, and the cluster is unusable once all have ended.
@@ -83,7 +92,7 @@ class TopUp(Generic[Token]):
     def __init__(
         self,
         groups: Sequence[tuple[WorkerGroup, Source[Token]]],
-        joined: Callable[[], set[str]],
+        joined: Joined,
         log: Path | None = None,
         lose: Callable[[], None] = lambda: None,
         ends_at: float | None = None,
@@ -100,7 +109,7 @@ class TopUp(Generic[Token]):
 
     def step(self, now: float) -> None:
         """Looks at every slot once and fills those that are empty and due."""
-        names = self._joined()
+        names = set(self._joined.ever)
         alive = self._alive()
         for slot in self._slots:
             slot.was_joined |= any(_of_group(name, self._name(slot)) for name in names)
@@ -181,7 +190,7 @@ class TopUp(Generic[Token]):
 
     def _works(self, pool: str) -> bool:
         """Whether a worker of the pool is connected."""
-        names = self._joined()
+        names = self._joined.now()
         groups = [self._name(slot) for slot in self._slots if slot.group.pool == pool]
         return any(_of_group(name, group) for name in names for group in groups)
 

@@ -56,6 +56,20 @@ def test_what_the_lens_does_not_show_has_no_direction():
     assert np.isnan(seen[1])
 
 
+def test_a_direction_that_the_lens_would_show_mirrored_is_none():
+    """Tangential terms fold the picture too: with these, Newton's method ends where the mapping is turned over."""
+    lens = Distortion("brown", (0.66, -0.42, -0.16, -0.32, -0.07))
+    x, y = np.meshgrid(np.linspace(-1, 1, 21), np.linspace(-1, 1, 21))
+    u, v = lens.undistort(x, y)
+    known = np.isfinite(u)
+    assert 0.2 < known.mean() < 1
+    step = 1e-6
+    right, down = (np.stack(lens.distort(u + dx, v + dy)) for dx, dy in ((step, 0), (0, step)))
+    here = np.stack([x, y])
+    (xx, yx), (xy, yy) = (right - here) / step, (down - here) / step
+    assert ((xx * yy - xy * yx)[known] > 0).all()
+
+
 @pytest.mark.parametrize(("model", "k"), [("brown", (0.1,)), ("fisheye", (0.1,) * 5), ("none", (0.1,)),
                                           ("brown", (0.1, 0.1, 0.1, np.nan))])  # fmt: skip
 def test_a_wrong_count_or_number_is_refused(model, k):

@@ -58,6 +58,19 @@ def test_passes_of_their_own_files_are_read_as_raw_data(tmp_path, write, kind, t
         assert not std.any()
 
 
+def test_a_beauty_in_the_file_of_a_pass_is_not_taken_for_the_pass(tmp_path):
+    shot = write_tiny_shot(tmp_path, decompose={"path": "{pass}.exr"})
+    plane = np.full((32, 40), 0.25, np.float32)
+    beauty = dict.fromkeys("RGBA", np.ones_like(plane))
+    write_exr(tmp_path / "roughness.exr", {**beauty, "roughness.V": plane})
+    write_exr(tmp_path / "metallic.exr", {**beauty, "ViewLayer.metallic.X": 2 * plane})
+    mean, _ = read_passes(resolve(shot).job, 1001)
+    np.testing.assert_array_equal(mean, [plane, 2 * plane])
+    write_exr(tmp_path / "metallic.exr", {**beauty, "depth.Z": plane})
+    with pytest.raises(JobError, match=r"no channel metallic\.Y"):
+        read_passes(resolve(shot).job, 1001)
+
+
 def test_a_missing_pass_is_named(tmp_path):
     shot = write_tiny_shot(tmp_path, decompose={"path": "passes/{pass}.####.png"})
     _split(shot, _png)

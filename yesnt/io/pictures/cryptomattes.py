@@ -117,7 +117,7 @@ def unknown_name(name: str, known: Iterable[str], path: str, key: str) -> JobErr
     expected = f"a name of its manifest, such as {', '.join(shown)}" if shown else "a name whose pixels are in the file"
     return JobError(
         f"The Cryptomatte has no {name!r} in any frame", f"{path}, key {key}", expected,
-        f"did you mean {' or '.join(near)}? correct `names`" if near else "correct `names`, or render the Cryptomatte of that kind",
+        f"did you mean {' or '.join(near)}? correct `names`" if near else "correct `names`, or name another `layer`",
     )  # fmt: skip
 
 

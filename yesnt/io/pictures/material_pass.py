@@ -11,7 +11,7 @@ from yesnt.core.errors import JobError
 from yesnt.core.material_input import QuantityInput
 from yesnt.core.shot import Job
 from yesnt.io.jobfile import frame_path
-from yesnt.io.pictures.channels import Channel, channels_of, named
+from yesnt.io.pictures.channels import Channel, channels_of, last_word, named
 from yesnt.io.pictures.image import read_headers
 from yesnt.io.pictures.passes import Headers, find_scalar
 from yesnt.io.pictures.placed import read_placed
@@ -31,10 +31,10 @@ def single_channels(headers: Headers, name: str) -> tuple[Channel, ...]:
         JobError: absent or ambiguous.
     """
     alone = {channel.name: channel for channel in channels_of(headers, None, "decompose")}
-    for channel in (f"{name}.Y", "Y"):
-        if channel in alone:
-            return (alone[channel],)
-    if {"R", "G", "B"} <= set(alone):
+    called_so = [c for c in alone.values() if name in (last_word(c.part_layer), c.component.lower())]
+    if not called_so and "Y" in alone:
+        return (alone["Y"],)
+    if not called_so and {"R", "G", "B"} <= set(alone) <= {"R", "G", "B", "A"}:  # beside other layers it is the beauty
         return alone["R"], alone["G"], alone["B"]
     return (find_scalar(headers, name, "decompose"),)
 

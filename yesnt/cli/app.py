@@ -12,6 +12,7 @@ from yesnt.cli import control, text
 from yesnt.cli.camera import camera
 from yesnt.cli.evaluate import evaluate
 from yesnt.cli.file_progress import FileProgress
+from yesnt.cli.share import drive_shared, refuse_with_share
 from yesnt.cli.trade import trade
 
 app = typer.Typer(
@@ -50,6 +51,9 @@ def run(
     until: Annotated[str | None, typer.Option(metavar="STAGE", help="stop after this stage")] = None,
     force: ForceOption = None,
     priority: PriorityOption = 0,
+    share: Annotated[
+        bool, typer.Option("--share", help="tasks run in this process, beside others that do the same")
+    ] = False,
     accept_license: Annotated[list[str] | None, typer.Option(metavar="NAME", help="a non-commercial licence")] = None,
     json: JsonOption = False,
 ) -> int:
@@ -59,8 +63,12 @@ def run(
     from yesnt.runtime.run_options import RunOptions
     from yesnt.runtime.session import Session
 
+    if share:
+        refuse_with_share({"--cluster": cluster != "local", "--workers": workers, "--force": force})
     where = read_cluster(cluster, workers, insecure)
     session = Session(shot, tuple(accept_license or ()), FileProgress())
+    if share:
+        return drive_shared(session, RunOptions(frames, until, where), json)
     settings = DriverSettings(priority=priority)
     return _drive(session, RunOptions(frames, until, where, settings, tuple(force or ())), json)
 
@@ -301,5 +309,13 @@ def _print_result(session: object, warnings: list[str], missing: list[dict[str, 
 app.command("eval")(evaluate)
 app.command("trade")(trade)
 app.command("camera")(camera)
-for verb in (control.submit, control.logs, control.pause, control.resume, control.cancel, control.skip):
+for verb in (
+    control.submit,
+    control.export_openjd,
+    control.logs,
+    control.pause,
+    control.resume,
+    control.cancel,
+    control.skip,
+):
     app.command()(verb)

@@ -1,4 +1,4 @@
-"""Verbs that hand a run over and look after it: submit, logs, pause, resume, cancel, skip."""
+"""Verbs that hand a run over and look after it: submit, export-openjd, logs, pause, resume, cancel, skip."""
 
 from __future__ import annotations
 
@@ -41,6 +41,34 @@ def submit(
     else:
         print(f"Submitted {made.id} ({made.job})")
         print(f"Follow it with `yesnt status {shot}` or `yesnt logs {shot} --follow`.")
+
+
+def export_openjd(
+    shot: ShotArgument,
+    output: Annotated[Path | None, typer.Option(help="file to write; absent: stdout")] = None,
+    chunk: Annotated[int, typer.Option(min=1, help="frames of a task")] = 10,
+    json: Annotated[bool, typer.Option("--json", help="JSON instead of YAML")] = False,
+) -> None:
+    """Write an Open Job Description template: a farm runs ranges of frames side by side."""
+    import yaml
+
+    from yesnt.io.durable import write_bytes
+    from yesnt.io.jobfile import parse_frames
+    from yesnt.runtime.control import open_output
+    from yesnt.runtime.open_job import open_job_template
+
+    job, _ = open_output(shot)
+    file = shot.absolute() / "shot.yaml" if shot.is_dir() else shot.absolute()
+    template = open_job_template(job.name, file, parse_frames(job.frames, "key frames"), chunk)
+    if output is None and json:
+        text.print_json(template)
+        return
+    written = text.json_text(template) if json else yaml.safe_dump(template, sort_keys=False, allow_unicode=True)
+    if output is None:
+        print(written, end="")
+    else:
+        write_bytes(output, written.encode())
+        print(f"Wrote {output}: hand it to the farm, for example `openjd run {output} --step Check`.")
 
 
 def pause(shot: ShotArgument, json: JsonOption = False) -> None:

@@ -24,7 +24,12 @@ def print_error(error: YesntError, as_json: bool) -> None:
 
 def print_json(document: Any) -> None:
     """One JSON document on stdout."""
-    print(json.dumps(document, indent=1, sort_keys=True, default=str))
+    print(json_text(document), end="")
+
+
+def json_text(document: Any) -> str:
+    """A JSON document as it is printed."""
+    return json.dumps(document, indent=1, sort_keys=True, default=str) + "\n"
 
 
 def print_table(header: Iterable[str], rows: Iterable[Iterable[object]]) -> None:

@@ -84,8 +84,11 @@ class InputChecks:
         self.facts = FactCache(OutputFolder.of(self._job).run / "facts.json")
         self._keys: dict[int, str] = {}
 
-    def form(self) -> list[str]:
+    def form(self, beside_others: bool = False) -> list[str]:
         """Quick checks: frames outside the range, sizes, room for the results; returns warnings.
+
+        Args:
+            beside_others: a driver may run the job; else it is refused.
 
         Raises:
             JobError: as said.
@@ -98,7 +101,8 @@ class InputChecks:
                 check_fits(job, read_header(frame_path(job.root, pattern, frame)))
         output = OutputFolder.of(job)
         output.check(len(job.frames) * job.width * job.height * STORE_BYTES_PER_PIXEL // 2)
-        output.refuse_if_running()
+        if not beside_others:
+            output.refuse_if_running()
         return warnings
 
     def content(self) -> list[str]:

@@ -1,0 +1,109 @@
+"""Runs a shot in this process beside other processes that do the same, for farms that start one per range of frames.
+
+There is no driver and no scheduler: leases of tasks keep two processes from the same work, records say what is done.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from yesnt.core.errors import YesntError
+from yesnt.io.lease import Observer, take_lease
+from yesnt.io.store import FrameStore
+from yesnt.planning.graph import Graph, Node, NodeId
+from yesnt.runtime.driver import is_done
+from yesnt.runtime.run_options import RunOptions, RunResult
+from yesnt.runtime.session import Missing, Session
+from yesnt.tasks.run import run_node
+
+Listener = Callable[[Mapping[str, Any]], None]
+
+LAYOUT = "layout"
+"""Lease of the process that lays the frame store out."""
+
+WAIT_SECONDS = 1.0
+"""Pause before the records are looked at again where others have all that could be done."""
+
+
+def run_shared(session: Session, options: RunOptions, listen: Listener = lambda event: None) -> RunResult:
+    """Does what the options ask for, but for what other processes are doing at the moment; waits for that.
+
+    A task that fails is tried once more; then its frames, and all that need them, are left out.
+
+    Raises:
+        YesntError: bad input, wrong options.
+    """
+    warnings = session.checks.form(beside_others=True) + session.checks.content()
+    result = RunResult(warnings=warnings, output=session.output.root)
+    result.missing = dict(session.marked_dead())
+    plan, graph = session.plan(Missing(result.missing)), session.graph(Missing(result.missing))
+    graph = graph.closure(session.targets(graph, options))
+    lease = take_lease(session.output.leases, LAYOUT, patient=True)
+    assert lease is not None, "a patient claim waits"
+    try:
+        job = session.job
+        FrameStore.create(session.output.store, plan.arrays(), job.frames, job.height, job.width)
+        session.output.exr.mkdir(parents=True, exist_ok=True)
+    finally:
+        lease.release()
+    _Share(session, graph, result, listen).run()
+    return result
+
+
+class _Share:
+    """The nodes that are left, and what became of the others."""
+
+    def __init__(self, session: Session, graph: Graph, result: RunResult, listen: Listener) -> None:
+        self._session, self._graph, self._result, self._listen = session, graph, result, listen
+        self._left = dict(graph.nodes)
+        self._tries: dict[NodeId, int] = {}
+
+    def run(self) -> None:
+        """Goes through the nodes again and again until none is left."""
+        while self._left:
+            index = self._session.open_index()
+            for node in [node for node in self._left.values() if is_done(index, node)]:
+                del self._left[node.id]
+            ready = [node for node in self._left.values() if self._left.keys().isdisjoint(node.needs)]
+            waited = True
+            for node in ready:
+                if not self._taken(node):
+                    self._try(node)
+                    waited = False
+            if ready and waited:
+                time.sleep(WAIT_SECONDS)
+
+    def _taken(self, node: Node) -> bool:
+        """Whether another process works on a node now."""
+        return not Observer(self._session.output.task_leases, f"{node.stage}.{node.frames[0]:04d}").vacant()
+
+    def _try(self, node: Node) -> None:
+        about = {"stage": node.stage.label, "frames": list(node.frames)}
+        try:
+            receipt = run_node(self._session.job, node)
+        except Exception as error:  # the frame is left out and all others go on
+            self._tries[node.id] = self._tries.get(node.id, 0) + 1
+            reason = str(error) if isinstance(error, YesntError) else f"{type(error).__name__}: {error}"
+            again = not isinstance(error, YesntError) and self._tries[node.id] == 1
+            self._tell("retry" if again else "failed", about, reason=reason)
+            if not again:
+                self._give_up(node, reason)
+            return
+        self._left.pop(node.id)
+        self._result.outcome.done.append(node.id)
+        self._tell("done", about, **receipt)
+
+    def _give_up(self, node: Node, reason: str) -> None:
+        """Leaves a node out, and all that need it."""
+        users = self._graph.users()
+        self._result.missing |= {(node.stage, frame): reason for frame in node.frames}
+        stack: list[NodeId] = [node.id]
+        while stack:
+            gone = stack.pop()
+            if self._left.pop(gone, None) is not None:
+                stack += users[gone]
+
+    def _tell(self, event: str, about: Mapping[str, Any], **facts: Any) -> None:
+        self._listen({"event": event, "time": time.time(), **about, **facts})

@@ -136,7 +136,7 @@ def test_contract_says_which_verbs_print_json() -> None:
 
 def test_roadmap_holds_nothing_that_works() -> None:
     text = text_of("docs/roadmap.md")
-    assert not {"export-openjd", "gof"} & set(commands())
+    assert not {"gof"} & set(commands())
     future = {key for block in code_blocks(text, "yaml") for key in yaml.safe_load(block)}
     assert future
     assert not (future & set(Shot.model_fields)) - {"plate", "gbuffer", "light", "decompose"}  # these gain keys only

@@ -159,6 +159,16 @@ def test_a_package_that_is_absent_is_named(monkeypatch: pytest.MonkeyPatch) -> N
         slurm_commands.job_class()
 
 
+def test_dask_jobqueue_does_not_take_ctrl_c_over() -> None:
+    code = (
+        "import signal; before = signal.getsignal(signal.SIGINT)\n"
+        "from yesnt.runtime.launchers.slurm_commands import job_class; job_class()\n"
+        "import sys; assert 'dask_jobqueue.runner' in sys.modules\n"
+        "assert signal.getsignal(signal.SIGINT) is before"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
 # --- certificates
 
 

@@ -6,6 +6,7 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import threading
@@ -191,6 +192,23 @@ def test_gpu_tasks_go_to_jobs_that_have_a_gpu(tmp_path: Path) -> None:
         pool = {"a": "GPU", "b": "CPU"}[event["stage"]]
         assert worker["resources"] == {pool: 1.0}
         assert str(worker["name"]).startswith(pool.lower())
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)])
+def test_a_run_that_ends_early_leaves_no_job(tmp_path: Path, number: int, status: int) -> None:
+    shot = write_tiny_shot(tmp_path / "s", FRAMES, SIZE)
+    words = yesnt("run", shot, "--cluster", profile(tmp_path, walltime="10m"))
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as run:
+        assert run.stdout is not None
+        for line in run.stdout:
+            if line.startswith("progress 1"):
+                run.send_signal(number)
+                break
+        run.stdout.read()
+        assert run.wait() == status
+    until(lambda: not jobs(), 120)
+    if number == signal.SIGINT:
+        assert list((shot.parent / "out" / "run").glob("tls-*")) == []
 
 
 def test_a_python_that_is_not_there_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

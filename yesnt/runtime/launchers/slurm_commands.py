@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import subprocess
 from collections.abc import Collection
 from pathlib import Path
@@ -29,12 +30,18 @@ def job_class() -> Any:
     Raises:
         MissingPartError: the package is absent.
     """
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         from dask_jobqueue.slurm import SLURMJob
     except ImportError as error:
         raise MissingPartError(
             "Slurm jobs need dask-jobqueue", str(error), "the extra slurm", "pip install 'yesnt[slurm]'"
         ) from error
+    finally:
+        # Its import makes Ctrl-C end the process with status 0 (dask_jobqueue/runner.py).
+        for number, handler in handlers.items():
+            if signal.getsignal(number) is not handler:
+                signal.signal(number, handler)
     return SLURMJob
 
 
@@ -94,8 +101,8 @@ def working_seconds(profile: Slurm, gpu: SlurmGpu | None = None) -> tuple[int, i
         UsageError: `drain` leaves no time.
     """
     import dask
-    import dask_jobqueue.config  # noqa: F401 - it loads the site's configuration
 
+    job_class()  # its package loads the site's configuration
     given = (gpu and gpu.walltime) or profile.walltime
     seconds = given if given is not None else seconds_of(dask.config.get("jobqueue.slurm.walltime") or "30m")
     drain = profile.drain if profile.drain is not None else min(DRAIN_SECONDS, seconds // 5)

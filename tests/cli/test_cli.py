@@ -20,7 +20,8 @@ from yesnt.core.errors import JobError, UsageError
 
 READERS_OF_A_SHOT = (
     ("plan",), ("run",), ("status",), ("retry",), ("verify",), ("report",), ("explain", "1001"), ("trade",),
-    ("submit", "--cluster", "local"), ("logs",), ("pause",), ("resume",), ("cancel",), ("skip", "--frames", "1001"),
+    ("submit", "--cluster", "local"), ("export-openjd",), ("logs",),
+    ("pause",), ("resume",), ("cancel",), ("skip", "--frames", "1001"),
 )  # fmt: skip
 """Verbs of the contract that begin by reading a job file, with their further arguments."""
 

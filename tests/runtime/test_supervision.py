@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import pickle
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,7 +21,9 @@ from yesnt.planning.graph import Graph, Node
 from yesnt.runtime import event_queue
 from yesnt.runtime import supervisor as supervisor_module
 from yesnt.runtime.driver import Driver, DriverSettings, Outcome
+from yesnt.runtime.event_queue import EventQueue
 from yesnt.runtime.host_failures import HostFailures
+from yesnt.runtime.packed import Packed
 from yesnt.runtime.shortages import Shortages
 from yesnt.runtime.supervisor import Supervisor, Watched
 
@@ -258,3 +261,32 @@ def test_frames_are_finished_in_the_order_they_are_wanted(
 ) -> None:
     bench.drive(chain(10), FakeClient(bench._patch, workers=WORKERS[:1]), order=order)
     assert [e["frames"][0] for e in bench.events if e["event"] == "done" and e["stage"] == "b"][:3] == first
+
+
+def test_a_job_is_packed_small_and_unpacked_once() -> None:
+    job = {"frames": tuple(range(1001, 11001))}
+    packed = Packed.of(job)
+    assert packed.unpack() == job
+    assert Packed(bytes(packed.data)).unpack() is packed.unpack()
+    assert len(pickle.dumps(packed)) < len(pickle.dumps(job)) / 5
+
+
+def test_events_are_told_in_their_order_with_the_receipts_of_one_request(monkeypatch: pytest.MonkeyPatch) -> None:
+    told, asked = [], []
+    queue = EventQueue(told.append, lambda node, receipt: receipt or {"seconds": -1})
+    nodes = [Node(A, i, (i,), {"a": i}) for i in range(3)]
+    queue.tell("start", nodes[0])
+    queue.done(nodes[0], "future 0")
+    queue.done(nodes[1], "future 1")
+    queue.tell("start", nodes[2])
+    client = SimpleNamespace(sync=lambda call, callback_timeout: asked.append(call) or {1: {"seconds": 5}, 2: None})
+    monkeypatch.setattr(event_queue, "FLUSH_SECONDS", 60.0)
+    queue.flush(client)
+    assert not told
+    queue.flush(client, at_once=True)
+    assert [(e["event"], e["frames"], e.get("seconds")) for e in told] == [
+        ("start", [0], None), ("done", [0], 5), ("done", [1], -1), ("start", [2], None),
+    ]  # fmt: skip
+    assert len(asked) == 1
+    queue.flush(client, at_once=True)
+    assert len(told) == 4

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import bz2
 import pickle
-import zlib
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -22,7 +22,7 @@ class Packed:
     @classmethod
     def of(cls, value: Any) -> Packed:
         """Packs a value."""
-        return cls(zlib.compress(pickle.dumps(value)))
+        return cls(bz2.compress(pickle.dumps(value)))
 
     def unpack(self) -> Any:
         """The value; a process unpacks it once."""
@@ -31,4 +31,4 @@ class Packed:
 
 @lru_cache(maxsize=4)
 def _unpack(data: bytes) -> Any:
-    return pickle.loads(zlib.decompress(data))
+    return pickle.loads(bz2.decompress(data))

@@ -126,6 +126,16 @@ def test_a_digest_is_of_the_arithmetic_alone(tmp_path: Path) -> None:
     assert digest("table", middle=0.26) != known
 
 
+def test_an_archive_is_read_like_its_folder(tmp_path: Path) -> None:
+    import PyOpenColorIO as ocio
+
+    path, archive = write_config(tmp_path), str(tmp_path / "site.ocioz")
+    ocio.Config.CreateFromFile(path).archive(archive)
+    found = [fresh_config(one).conversion("camera log", ACESCG) for one in (path, archive)]
+    assert found[0].digest == found[1].digest
+    np.testing.assert_array_equal(*(convert(COLORS, one) for one in found))
+
+
 def test_another_configuration_than_that_of_the_digest_is_refused(tmp_path: Path) -> None:
     config = fresh_config(write_config(tmp_path))
     conversion = config.conversion("camera log", LIN_REC709)

@@ -24,10 +24,14 @@ from tests.cases.shots import (
     write_shot,
 )
 from tests.io.test_color_config import write_config
-from yesnt.core.color_spaces import ACESCG, LIN_REC709, PRIMARIES, matrix_to_rec709
+from yesnt.core.color_spaces import ACESCG, LIN_REC709, PRIMARIES, JobColors, matrix_to_rec709
 from yesnt.io import preview
 from yesnt.io.color_config import BUILT_IN, convert, open_config
+from yesnt.planning.stages import RELIGHT
+from yesnt.runtime.clamps import clamp_lines
 from yesnt.runtime.session import Session
+from yesnt.tasks.light import LightFiles, _Known
+from yesnt.tasks.workspace import Workspace
 
 SPHERE = sphere()
 PLATE = f"plate.{FRAME}.exr"
@@ -74,6 +78,37 @@ def test_acescg_in_and_out_equals_the_run_whose_inputs_were_converted_before(tmp
         assert np.ptp(wanted) > 0.1 or layer == "specular."
     assert tuple(aces.header["chromaticities"]) == pytest.approx(ACES_AP1)
     assert (aces.header["colorInteropID"], rec709.header["colorInteropID"]) == ("lin_ap1_scene", "lin_rec709_scene")
+
+
+@pytest.mark.parametrize("working", [LIN_REC709, ACESCG])
+def test_the_same_coloured_light_in_and_out_gives_the_plate(tmp_path: Path, working: str) -> None:
+    folder = write_colors(tmp_path / "s", TO_ACESCG, ACES_AP1, color={"working": working, "output": "ACEScg"})
+    (folder / "light.exr").write_bytes((folder / "capture.exr").read_bytes())
+    y, x = HEIGHT // 2, WIDTH // 2
+    assert deliver(folder).at(y, x) == pytest.approx((COLORS @ TO_ACESCG.T)[y, x].tolist(), rel=2e-3)
+
+
+def test_a_worker_keeps_a_plate_and_a_map_of_each_space_apart(tmp_path: Path) -> None:
+    session = Session(write_colors(tmp_path / "s", np.eye(3), None, color={"working": "acescg"}))
+    frame, job = session.job.frames[0], session.job
+    space = Workspace(job, next(node for node in session.graph() if node.stage == RELIGHT))
+    colors = [space.plate(frame, working).color[HEIGHT // 2, WIDTH // 2] for working in (False, True, False)]
+    assert np.array_equal(colors[0], colors[2])
+    assert not np.array_equal(colors[0], colors[1])
+    plain = job.model_copy(update={"colors": JobColors()})
+    spec = job.shot.light
+    known = [_Known(LightFiles(one, frame, {"light": "same"}), spec, "light") for one in (job, plain, job)]
+    assert known[0] == known[2] != known[1]
+
+
+def test_clamps_of_frames_that_are_stale_are_not_told(tmp_path: Path) -> None:
+    folder = write_shot(tmp_path / "s")
+    write(folder / PLATE, rgba(20.0, SPHERE.matte))
+    told = "relight: pixels brighter than a white surface, base colour clamped to 1: "
+    assert any(line.startswith(told) and line.endswith("in 1 frame") for line in deliver(folder).warnings)
+    write(folder / PLATE, rgba(0.5, SPHERE.matte))
+    session = Session(folder)
+    assert clamp_lines(session.job.frames, session.graph(), session.open_index()) == []
 
 
 def test_the_working_space_matters_and_enters_the_keys_of_relighting_alone(tmp_path: Path) -> None:

@@ -36,12 +36,18 @@ SlurmdParameters=config_overrides
 NodeName=$host NodeAddr=127.0.0.1 CPUs=$((cores > 8 ? cores : 8)) RealMemory=16000 Gres=gpu:fake:2
 PartitionName=debug Nodes=$host Default=YES State=UP
 CONF
-echo "NodeName=$host Name=gpu Type=fake Count=2" > "$folder/gres.conf"   # no device behind them
+for device in /dev/null /dev/zero; do   # stand in for GPUs
+  echo "NodeName=$host Name=gpu Type=fake File=$device"
+done > "$folder/gres.conf"
 chown munge: /run/munge
 munge -n > /dev/null 2>&1 || su -s /bin/sh munge -c /usr/sbin/munged
 for _ in $(seq 50); do munge -n > /dev/null 2>&1 && break; sleep 0.1; done
 slurmctld -f "$SLURM_CONF"
 slurmd -f "$SLURM_CONF"
 for _ in $(seq 100); do sinfo --noheader --format=%T 2> /dev/null | grep -q idle && break; sleep 0.2; done
-sinfo --noheader --format=%T | grep -q idle || { tail -n 5 "$folder"/*.log >&2; exit 1; }
+sinfo --noheader --format=%T | grep -q idle || {
+  tail -n 5 "$folder"/*.log >&2
+  "$(dirname "$0")/stop.sh" "$folder"
+  exit 1
+}
 echo "$SLURM_CONF"

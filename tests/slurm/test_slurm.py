@@ -185,6 +185,8 @@ def test_gpu_tasks_go_to_jobs_that_have_a_gpu(tmp_path: Path) -> None:
         driver.reuse()
         assert driver.run(client).complete
         workers = client.scheduler_info(n_workers=-1)["workers"]
+        devices = client.run(os.getenv, "CUDA_VISIBLE_DEVICES")
+    assert {devices[address] for address, worker in workers.items() if "GPU" in worker["resources"]} == {"0"}
     done = [event for event in events if event["event"] == "done"]
     assert len(done) == 16
     for event in done:

@@ -1,8 +1,9 @@
 """Finds cameras that contradict the others: wrong pose, wrong exposure, black pictures, another subject's matte.
 
-Every camera implies a base colour at a point: for a dielectric of middle roughness b = (y - D) / A. Cameras should
-agree about it. The median over many points of one camera's b over the median of all cameras is its gain; the scatter of
-that ratio tells whether it looks at the same points.
+At some points the best candidate is fitted to all cameras, and each camera's radiance is compared with what the fit
+predicts for it. The median of that ratio over the points, relative to the other cameras, is the camera's gain; its
+scatter tells whether the camera looks at the same points. The fit explains highlights and mirrors, so that a metal is
+not taken for a camera of another exposure.
 """
 
 from __future__ import annotations
@@ -14,24 +15,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.core.color import luminance
-from yesnt.decompose.evidence.observe import Sample
-from yesnt.decompose.evidence.records import Responses
+from yesnt.decompose.evidence.fit import negative_log_likelihood
+from yesnt.decompose.evidence.records import Observations, Responses
+from yesnt.decompose.evidence.reference import best_base_color, linear_form
+from yesnt.decompose.evidence.settings import METALLIC, EvidenceSettings
 
 Float = NDArray[np.floating]
 
-NEUTRAL = 0.5
-"""Roughness of the dielectric that cameras are compared by."""
+LEVELS = (0.1, 0.25, 0.5, 0.85)
+"""Roughness levels that are fitted; fewer than for the materials, since only the prediction matters."""
 
 LEAST_OVERLAP = 0.7
 """Overlap of the proxy's silhouette and a matte below which they show different things; coarse proxies reach 0.9."""
 
 MOST_GAIN = 1.4
-"""Ratio to the other cameras from which a picture has another exposure; half a stop. Metals stay below it."""
+"""Ratio to the other cameras from which a picture has another exposure; half a stop."""
 
 _LEAST_POINTS = 50  # points that a camera must share with others before it is compared
 _LEAST_VIEWS = 3  # two cameras that differ do not tell which of them is wrong
 _MOST_SCATTER = 0.6  # standard deviation of log2 ratios beyond which a camera looks elsewhere ...
 _TIMES_SCATTER = 3.0  # ... if it is also so many times that of the other cameras
+_DARK = 1e-4  # radiance that a logarithm is taken of, at least
 _BLACK = 0.02  # gain below which a picture is black
 
 
@@ -48,23 +52,47 @@ class Agreement:
     scatter: Float
 
 
-def agreement(samples: Sequence[Sample], of: Responses) -> Agreement:
-    """Compares V cameras over P points; `of` holds one roughness, `NEUTRAL`."""
-    radiance = luminance(np.stack([one.radiance for one in samples], axis=1).astype(np.float64))
-    valid = np.stack([one.valid for one in samples], axis=1)
-    valid &= valid.sum(axis=1, keepdims=True) >= _LEAST_VIEWS
-    slope, offset = (luminance(a[:, :, 0].astype(np.float64)) for a in (of.diffuse, of.dielectric))
-    implied = np.where(valid, np.maximum(radiance - offset, 1e-4) / np.maximum(slope, 1e-3), np.nan)
-    gain, scatter = np.full(len(samples), np.nan), np.full(len(samples), np.nan)
-    seen = valid.any(axis=1)
-    if not seen.any():
+def agreement(seen: Observations, of: Responses, settings: EvidenceSettings) -> Agreement:
+    """Compares V cameras over P points.
+
+    Args:
+        seen: what they saw.
+        of: responses for `LEVELS` of roughness.
+        settings: of the evidence.
+    """
+    valid = seen.valid & (seen.valid.sum(axis=1, keepdims=True) >= _LEAST_VIEWS)
+    views = valid.shape[1]
+    gain, scatter = np.full(views, np.nan), np.full(views, np.nan)
+    shared = valid.any(axis=1)
+    if not shared.any():
         return Agreement(gain, scatter)
-    ratio = np.log2(implied[seen] / np.nanmedian(implied[seen], axis=1, keepdims=True))
+    radiance, expected = (luminance(a.astype(np.float64)) for a in (seen.radiance, _predicted(seen, of, settings)))
+    ratio = np.where(valid, np.log2(np.maximum(radiance, _DARK) / np.maximum(expected, _DARK)), np.nan)[shared]
+    ratio -= np.nanmedian(ratio, axis=1, keepdims=True)
     for v in np.flatnonzero(valid.sum(axis=0) >= _LEAST_POINTS):
-        one = ratio[:, v][valid[seen, v]]
+        one = ratio[:, v][valid[shared, v]]
         middle = np.median(one)
         gain[v], scatter[v] = 2**middle, 1.4826 * np.median(np.abs(one - middle))
     return Agreement(gain, scatter)
+
+
+def _predicted(seen: Observations, of: Responses, settings: EvidenceSettings) -> Float:
+    """Radiance [P, V, 3] of each point's best candidate."""
+    cost = negative_log_likelihood(seen, of, settings)
+    best = cost.reshape(len(cost), -1).argmin(axis=1)
+    expected = np.zeros(seen.radiance.shape)
+    for candidate in np.unique(best):
+        level, m = divmod(int(candidate), len(METALLIC))
+        these = best == candidate
+        part = Observations(*(a[these] for a in seen))
+        lobes = Responses(
+            of.diffuse[these], of.dielectric[these], of.metal_f0[these], of.metal_f90[these], of.missing[these],
+            of.average,
+        )  # fmt: skip
+        base = best_base_color(part, lobes, settings, level, METALLIC[m])
+        slope, offset = linear_form(lobes, base, level, METALLIC[m])
+        expected[these] = base[:, None] * slope + offset
+    return expected
 
 
 def contradictions(names: Sequence[str], found: Agreement) -> dict[str, str]:

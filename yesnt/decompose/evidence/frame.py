@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.core.color import luminance
-from yesnt.decompose.evidence.consistency import NEUTRAL, agreement, contradictions, silhouette_contradiction
+from yesnt.decompose.evidence.consistency import LEVELS, agreement, contradictions, silhouette_contradiction
 from yesnt.decompose.evidence.fit import negative_log_likelihood
 from yesnt.decompose.evidence.observe import (
     Sample,
@@ -41,6 +41,7 @@ PLATE = "plate"
 _PROBES = 1024
 """Points over which cameras are compared."""
 
+_NO_LIGHT = 1e-6  # mean radiance of a capture light that is black: sigma stays above 0
 _DARK = 0.01  # share of the light's mean radiance below which log colours are not told apart
 
 
@@ -134,7 +135,7 @@ class _Frame:
         self._rows = pixels.index // pixels.shape[1]
         texels = inputs.light.texels
         energy = luminance(texels.energy.T.astype(np.float64)).sum()
-        self._mean_radiance = float(energy / max(float(texels.solid_angle.sum()), 1e-12))
+        self._mean_radiance = max(float(energy / max(float(texels.solid_angle.sum()), 1e-12)), _NO_LIGHT)
         coverage = np.nan_to_num(np.asarray(inputs.surface.opacity, np.float32))
         self._coverage = coverage.reshape(-1)[pixels.index]
         plate = np.asarray(inputs.plate, np.float32)
@@ -149,7 +150,8 @@ class _Frame:
             return views, {}
         points = probe_points(self._pixels, few, self._scene)
         samples = self._all_samples(views, points.pixels, few)
-        found = agreement(samples, responses(points, samples, self._scene, np.array([NEUTRAL])))
+        of = responses(points, samples, self._scene, np.array(LEVELS))
+        found = agreement(self._observations(samples), of, self._settings)
         names = [PLATE, *(seen.view.name for seen in views)]
         reasons = contradictions(names, found)
         left_out |= reasons

@@ -99,9 +99,7 @@ def cost(size):
         spent.append(time.perf_counter() - begin)
     candidates = len(ROUGHNESS) * len(METALLIC)
     fast, slow = (1e3 * seconds / 2000 for seconds in spent)
-    print(
-        f"fit of {candidates} candidates: {fast:.3f} ms a point, {slow / fast:.0f} times faster than the NumPy reference"
-    )
+    print(f"fit of {candidates} candidates: {fast:.3f} ms a point, {slow / fast:.0f} times faster than NumPy")
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-ROUGHNESS = (0.04, 0.1, 0.15, 0.2, 0.27, 0.35, 0.43, 0.52, 0.62, 0.72, 0.83, 1.0)
+ROUGHNESS = (0.05, 0.12, 0.2, 0.3, 0.42, 0.56, 0.75, 1.0)
 """Candidates of roughness: dense where a lobe changes quickly."""
 
 METALLIC = (0.0, 0.25, 0.5, 0.75, 1.0)
@@ -59,7 +59,7 @@ class EvidenceSettings:
     step: int = 2
     radius: int = 10
     window: float = 5.0
-    chroma: float = 0.1
+    chroma: float = 0.15
     pattern: float = 0.6
     intensity: float = 0.67
     turn: float = 0.5

@@ -1,0 +1,166 @@
+"""Materials of six objects that Cycles rendered, by the number of cameras. Needs Blender (`make blender`).
+
+    python tests/benchmarks/evidence_objects.py [FOLDER]
+
+A box, balls, a ring and a pill occlude and mirror one another; one ball is a half metal. Pictures, kept in
+FOLDER, are 96 x 96 with 64 samples. The guess is roughness 0.5 and metallic 0.3 everywhere.
+"""
+
+import json
+import sys
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from trimesh.transformations import rotation_matrix
+
+from tests.benchmarks.evidence_sphere import SETTINGS, spoilt
+from tests.decompose.evidence.scenes import FRAME, around, look_from, smooth_light
+from yesnt.capture_stage.tools import find_tools, run_script
+from yesnt.decompose.evidence.frame import EvidenceInputs, measure_frame
+from yesnt.decompose.evidence.records import View
+from yesnt.io.exr import write_exr
+from yesnt.io.pictures.image import read_image
+from yesnt.relight import ProxyScene, RelightSettings, Surface
+from yesnt.relight.frame import prepare_capture
+
+SIZE, DISTANCE = 96, 4.4
+LIGHTS = {"smooth": 0.8, "even": 0.15}
+OBJECTS = (
+    ("box", 0.25, 0.0, (0.5, 0.1, 0.08)),
+    ("ball", 0.2, 1.0, (0.75, 0.75, 0.78)),
+    ("ring", 0.45, 1.0, (0.85, 0.6, 0.25)),
+    ("pill", 0.85, 0.0, (0.12, 0.25, 0.5)),
+    ("egg", 0.4, 0.0, (0.7, 0.62, 0.5)),
+    ("knob", 0.3, 0.5, (0.5, 0.5, 0.5)),
+)
+"""Name, roughness, metallic, base colour."""
+
+PLACES = (
+    (-0.45, 0, -0.45), (0.05, -0.35, -0.1), (0.5, 0, 0.3), (-0.35, 0.1, 0.05), (0.55, -0.2, -0.4), (0.05, -0.2, 0.45),
+)  # fmt: skip
+GIVEN = ((1, "exact", 0), (4, "exact", 0), (8, "exact", 0), (8, "coarse", 0), (8, "coarse", 1))
+"""Number of cameras, proxy, whether errors are added."""
+
+
+def meshes(detail=1):
+    """The objects; `detail` 0 is a coarse proxy of 2,000 triangles."""
+    ball, sections = (5, (96, 40)) if detail else (2, (28, 12))
+    box = trimesh.creation.box((0.7, 0.5, 0.6))
+    box.apply_transform(rotation_matrix(0.5, [0, 0, 1]))
+    ring = trimesh.creation.torus(0.3, 0.11, major_sections=sections[0], minor_sections=sections[1])
+    ring.apply_transform(rotation_matrix(1.1, [1, 0.3, 0]))
+    pill = trimesh.creation.capsule(0.7, 0.2, count=[48, 48] if detail else [14, 14])
+    balls = [trimesh.creation.icosphere(ball, radius) for radius in (0.32, 0.28, 0.2)]
+    found = [box, balls[0], ring, pill, balls[1], balls[2]]
+    for mesh, place in zip(found, PLACES, strict=True):
+        mesh.apply_translation(place)
+    return found
+
+
+def cameras():
+    return [look_from(way, SIZE, DISTANCE) for way in ([0, -1, 0.15], *around(8))]
+
+
+def render(folder):
+    """Renders what the folder lacks."""
+    if all((folder / f"{name}.8.exr").exists() for name in LIGHTS):
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    entries = [
+        {"name": name, "vertices": mesh.vertices.tolist(), "faces": mesh.faces.tolist(), "roughness": roughness,
+         "metallic": metallic, "base": base, "smooth": name != "box"}
+        for (name, roughness, metallic, base), mesh in zip(OBJECTS, meshes(), strict=True)
+    ]  # fmt: skip
+    poses = [camera.poses[FRAME].tolist() for camera in cameras()]
+    scene = {"size": SIZE, "fx": cameras()[0].fx, "objects": entries, "poses": poses}
+    (folder / "scene.json").write_text(json.dumps(scene))
+    for name, strength in LIGHTS.items():
+        radiance = smooth_light(strength, 32).radiance
+        write_exr(folder / f"{name}.exr", {c: np.ascontiguousarray(radiance[..., i]) for i, c in enumerate("RGB")})
+    script = Path(__file__).parent / "inside_blender/evidence_scene.py"
+    run_script(find_tools(folder / "cache"), script, [str(folder), ",".join(LIGHTS)], 1800)
+
+
+@cache
+def geometry():
+    """The proxy with exact normals, and the object of every triangle."""
+    vertices, faces, normals, owner = [], [], [], []
+    for number, mesh in enumerate(meshes()):
+        flat = OBJECTS[number][0] == "box"
+        points = mesh.triangles.reshape(-1, 3) if flat else mesh.vertices
+        corners = np.arange(len(points)) if flat else mesh.faces
+        faces.append(corners.reshape(-1, 3) + sum(map(len, vertices)))
+        vertices.append(points)
+        normals.append(np.repeat(mesh.face_normals, 3, axis=0) if flat else mesh.vertex_normals)
+        owner += [number] * len(mesh.faces)
+    scene = ProxyScene.from_arrays(np.concatenate(vertices), np.concatenate(faces))
+    return scene, np.concatenate(normals), np.array(owner)
+
+
+def surface_of(camera):
+    """z, normals and object [H, W] of what a camera sees; -1 for none."""
+    scene, normals, owner = geometry()
+    rays = camera.rays(FRAME).astype(float).reshape(-1, 3)
+    length = np.linalg.norm(rays, axis=1)
+    eye = np.broadcast_to(camera.position(FRAME).astype(np.float32), rays.shape)
+    hit = scene.trace(np.ascontiguousarray(eye), (rays / length[:, None]).astype(np.float32))
+    face, known = np.maximum(hit["primID"], 0), hit["primID"] >= 0
+    u, v = hit["u"][:, None], hit["v"][:, None]
+    corner = normals[scene.faces[face]]
+    normal = corner[:, 0] * (1 - u - v) + corner[:, 1] * u + corner[:, 2] * v
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    z, shown = np.where(known, hit["tfar"] / length, 1e10), np.where(known, owner[face], -1)
+    image = np.where(known[:, None], normal, 0).reshape(SIZE, SIZE, 3).astype(np.float32)
+    return z.reshape(SIZE, SIZE).astype(np.float32), image, shown.reshape(SIZE, SIZE)
+
+
+def picture(folder, name, number):
+    """Straight colour and coverage of a rendered picture."""
+    planes = read_image(folder / f"{name}.{number}.exr").channels
+    alpha = planes["A"]
+    color = np.stack([planes[c] for c in "RGB"], axis=-1) / np.maximum(alpha, 1e-6)[..., None]
+    return np.where(alpha[..., None] > 0, color, 0).astype(np.float32), alpha
+
+
+def inputs_of(folder, name, count, proxy):
+    """Inputs of the evidence, and the object of every pixel."""
+    rig = cameras()
+    z, normal, shown = surface_of(rig[0])
+    color, alpha = picture(folder, name, 0)
+    full, matte = np.ones_like(z), np.where(shown >= 0, alpha, 0).astype(np.float32)
+    surface = Surface(normal, z, matte, 0.5 * full, 0.3 * full, rig[0], FRAME)
+    chosen = {1: (4,), 4: (1, 3, 5, 7), 8: range(1, 9)}[count]
+    views = [View(f"c{i}", rig[i], FRAME, *picture(folder, name, i)) for i in chosen]
+    light = prepare_capture(smooth_light(LIGHTS[name], 32), RelightSettings())
+    return EvidenceInputs(color, surface, np.stack([0.1 * full, 0.1 * full]), views, proxy, light), shown
+
+
+def main(folder):
+    render(folder)
+    coarse = trimesh.util.concatenate(meshes(0))
+    proxies = {"exact": geometry()[0], "coarse": ProxyScene.from_arrays(coarse.vertices, coarse.faces)}
+    print("| light | cameras | given | roughness RMSE | metallic RMSE | AUC | within 1 std |")
+    print("|---|---|---|---|---|---|---|")
+    for name, strength in LIGHTS.items():
+        for count, proxy, bad in GIVEN:
+            given, shown = inputs_of(folder, name, count, proxies[proxy])
+            given = spoilt(given, smooth_light(strength, 32)) if bad else given
+            row(f"{name} | {count} | {proxy} proxy{', all errors' if bad else ''}", given, shown)
+
+
+def row(label, given, shown):
+    found = measure_frame(given, RelightSettings(), SETTINGS)
+    inside = (shown >= 0) & (given.surface.opacity > 0.99)
+    truth = np.array([entry[1:3] for entry in OBJECTS])[shown[inside]].T
+    wrong = found.mean[:, inside] - truth
+    rmse = np.sqrt(np.square(wrong).mean(axis=1))
+    within = (np.abs(wrong) <= np.maximum(found.std[:, inside], 1e-3)).mean(axis=1)
+    metal, other = (found.mean[1][inside][mask] for mask in (truth[1] > 0.6, truth[1] < 0.4))
+    auc = (metal[:, None] > other[None]).mean() + 0.5 * (metal[:, None] == other[None]).mean()
+    print(f"| {label} | {rmse[0]:.3f} | {rmse[1]:.3f} | {auc:.3f} | {within[0]:.2f} / {within[1]:.2f} |")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(".cache/evidence_objects"))

@@ -100,7 +100,7 @@ _ROWS = (
         channels=("flow", "validity"),
     ),
     Stage(
-        "evidence", 1, "frame", "observed, spread, plate, G-buffer, proxy, pictures of the capture's cameras; or "
+        "evidence", 2, "frame", "observed, spread, plate, G-buffer, proxy, pictures of the capture's cameras; or "
         "a measured frame and the flow to it (only jobs with a capture)",
         Cost(2.0, 200.0, 600, 600, 5), "#5aa7a7",
         {

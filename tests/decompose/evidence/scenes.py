@@ -19,12 +19,16 @@ FRAME = 7
 RELIGHT = RelightSettings(capture_texels=512, capture_clusters=128)
 
 PAINT = (
-    (0.25, 0.0, (0.5, 0.2, 0.1)),
+    (0.35, 0.0, (0.5, 0.2, 0.1)),
     (0.5, 1.0, (0.8, 0.6, 0.3)),
     (0.85, 0.0, (0.2, 0.35, 0.5)),
-    (0.2, 1.0, (0.7, 0.7, 0.75)),
+    (0.35, 1.0, (0.7, 0.7, 0.75)),
 )
-"""Roughness, metallic and base colour of four bands along x."""
+"""Roughness, metallic and base colour of four bands along x. Sharper lobes fall between the texels of the sum."""
+
+
+MIRROR = 0.1
+"""Roughness of a metal below which it is painted as a mirror."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +63,7 @@ def around(count):
     return np.stack([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)], -1)
 
 
-def smooth_light(strength=0.8, rows=16):
+def smooth_light(strength=0.8, rows=24):
     """A smooth directional light of mean radiance 1; strength 0 is uniform."""
     u, v = np.meshgrid((np.arange(2 * rows) + 0.5) / (2 * rows), (np.arange(rows) + 0.5) / rows)
     d = uv_to_direction(u, v)
@@ -68,7 +72,11 @@ def smooth_light(strength=0.8, rows=16):
 
 
 def radiance(normal, view, painted, env):
-    """Full sum over the map [P, 3], written from docs/method.md section 5, `brdf="default"`."""
+    """Full sum over the map [P, 3], from docs/method.md section 5, `brdf="default"`; mirrors reflect the map."""
+    if (painted.roughness < MIRROR).all():
+        cos_o = (normal * view).sum(-1, keepdims=True)
+        fresnel = painted.base + (1 - painted.base) * schlick_weight(cos_o)
+        return fresnel * env.lookup((2 * cos_o * normal - view).astype(np.float32))
     rows, columns, _ = env.radiance.shape
     u, v = np.meshgrid((np.arange(columns) + 0.5) / columns, (np.arange(rows) + 0.5) / rows)
     light = uv_to_direction(u, v).reshape(-1, 3)

@@ -56,7 +56,7 @@ def test_the_material_that_was_rendered_has_the_largest_likelihood() -> None:
     cost = fit.negative_log_likelihood(exact, of, SETTINGS).reshape(len(base), -1)
     assert (cost.argmin(axis=1) == r * len(METALLIC) + m).mean() > 0.95
     found = reference.best_base_color(exact, of, SETTINGS, r, METALLIC[m])
-    np.testing.assert_allclose(found, base, atol=2e-3)
+    np.testing.assert_allclose(found, base, atol=5e-3)
 
 
 def test_base_colour_stays_within_0_and_1() -> None:

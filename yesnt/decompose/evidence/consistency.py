@@ -95,21 +95,47 @@ def _predicted(seen: Observations, of: Responses, settings: EvidenceSettings) ->
     return expected
 
 
-def contradictions(names: Sequence[str], found: Agreement) -> dict[str, str]:
-    """Camera -> why it contradicts the others, for those that do."""
-    known = found.scatter[np.isfinite(found.scatter)]
-    usual = float(np.median(known)) if len(known) else 0.0
-    reasons = {}
-    for name, gain, scatter in zip(names, found.gain, found.scatter, strict=True):
+def left_out_views(
+    names: Sequence[str], seen: Observations, of: Responses, settings: EvidenceSettings
+) -> tuple[dict[str, str], dict[str, float]]:
+    """Camera -> why it is left out, and the gain of every camera that can be compared.
+
+    One camera at a time, the worst first: while it takes part it disturbs what the fit predicts for the others.
+
+    Args:
+        names: of the V cameras.
+        seen: what they saw of P points.
+        of: responses for `LEVELS` of roughness.
+        settings: of the evidence.
+    """
+    seen, reasons, gains = seen._replace(valid=seen.valid.copy()), dict[str, str](), dict[str, float]()
+    while True:
+        found = agreement(seen, of, settings)
+        gains |= {n: round(float(g), 3) for n, g in zip(names, found.gain, strict=True) if np.isfinite(g)}
+        worst = _worst(found)
+        if worst is None:
+            return reasons, gains
+        reasons[names[worst[0]]] = worst[1]
+        seen.valid[:, worst[0]] = False
+
+
+def _worst(found: Agreement) -> tuple[int, str] | None:
+    """Number of the camera that contradicts the others most, and how; None if none does.
+
+    Exposure comes first: a wrong one scatters too, where few cameras see a point.
+    """
+    apart = np.nan_to_num(np.abs(np.log2(np.maximum(found.gain, _DARK))))
+    worst = int(apart.argmax())
+    if apart[worst] > np.log2(MOST_GAIN):
+        gain = found.gain[worst]
         if gain < _BLACK:
-            reasons[name] = "its picture is black where the others see the subject"
-        elif gain > MOST_GAIN or gain < 1 / MOST_GAIN:
-            reasons[name] = f"its picture is {gain:.2f} times as bright as the others' (state its `gain`)"
-        elif scatter > max(_MOST_SCATTER, _TIMES_SCATTER * usual):
-            reasons[name] = (
-                f"its picture differs from the others' by {scatter:.1f} stops from point to point: wrong pose"
-            )
-    return reasons
+            return worst, "its picture is black where the others see the subject"
+        return worst, f"its picture is {gain:.2f} times as bright as the others' (state its `gain`)"
+    known = found.scatter[np.isfinite(found.scatter)]
+    scatter, worst = np.nan_to_num(found.scatter), int(np.nan_to_num(found.scatter).argmax())
+    if len(known) and scatter[worst] > max(_MOST_SCATTER, _TIMES_SCATTER * float(np.median(known))):
+        return worst, f"its picture differs from the others' by {scatter[worst]:.1f} stops, point by point: wrong pose"
+    return None
 
 
 def silhouette_contradiction(overlap: float, shown: float) -> str | None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.core.color import luminance
-from yesnt.decompose.evidence.consistency import LEVELS, agreement, contradictions, silhouette_contradiction
+from yesnt.decompose.evidence.consistency import LEVELS, left_out_views, silhouette_contradiction
 from yesnt.decompose.evidence.fit import negative_log_likelihood
 from yesnt.decompose.evidence.observe import (
     Sample,
@@ -151,13 +151,14 @@ class _Frame:
         points = probe_points(self._pixels, few, self._scene)
         samples = self._all_samples(views, points.pixels, few)
         of = responses(points, samples, self._scene, np.array(LEVELS))
-        found = agreement(self._observations(samples), of, self._settings)
         names = [PLATE, *(seen.view.name for seen in views)]
-        reasons = contradictions(names, found)
+        reasons, gains = left_out_views(names, self._observations(samples), of, self._settings)
         left_out |= reasons
-        gains = {n: round(float(g), 3) for n, g in zip(names, found.gain, strict=True) if np.isfinite(g)}
         self._plate_agrees = PLATE not in reasons
-        return [seen for seen in views if seen.view.name not in reasons], gains
+        agreed = [seen for seen in views if seen.view.name not in reasons]
+        if len(agreed) < len(views):
+            self._scene = replace(self._scene, shown=shown_radiance(self._inputs.proxy, agreed, self._settings))
+        return agreed, gains
 
     def measure(self, views: list[SeenView]) -> tuple[F32, F32, F32]:
         """Mean and standard deviation [2, H, W] and number of views [H, W]."""

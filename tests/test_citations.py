@@ -151,7 +151,7 @@ def wrong_commands(path: Path) -> Iterator[str]:
     if path.name == "roadmap.md":
         return
     written = "".join(re.findall(r"^```\n.*?^```|`[^`]*`", prose(path), re.M | re.S))
-    for verb in re.findall(r"(?:^|`|&& )yesnt ([a-z]+)(?!\w)", written, re.M):
+    for verb in re.findall(r"(?:^|`|&& )yesnt ([a-z]+(?:-[a-z]+)*)(?!\w)", written, re.M):
         if verb not in verbs():
             yield f"`yesnt {verb}`: there is no such verb"
 
@@ -169,7 +169,7 @@ def wrong_options(path: Path) -> Iterator[str]:
         for option in re.findall(r"(?<= )\[?(--[a-z][a-z-]*)", rest):
             if text and f'"{option}"' not in text:
                 yield f"{name} has no option {option}"
-    for verb, rest in re.findall(r"(?:^|`|&& )yesnt ([a-z]+)([^`#&\n]*)", prose(path), re.M):
+    for verb, rest in re.findall(r"(?:^|`|&& )yesnt ([a-z]+(?:-[a-z]+)*)([^`#&\n]*)", prose(path), re.M):
         for option in re.findall(r"(?<= )\[?(--[a-z][a-z-]*)", rest):
             if verb in verbs() and option not in options(verb):
                 yield f"`yesnt {verb}` has no option {option}"

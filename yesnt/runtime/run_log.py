@@ -68,7 +68,7 @@ class RunLog:
 
     Attributes:
         run: identifier of the run.
-        state: as the state file holds it (see docs/clusters.md).
+        state: as the state file holds it (see docs/runs.md).
 
     Args:
         path: the state file, `out/run/state.json`.

@@ -38,7 +38,7 @@ def job_class() -> Any:
             "Slurm jobs need dask-jobqueue", str(error), "the extra slurm", "pip install 'yesnt[slurm]'"
         ) from error
     finally:
-        # Its import makes Ctrl-C end the process with status 0 (dask_jobqueue/runner.py).
+        # Its import makes Ctrl-C end the process with status 0: it installs handlers of its own.
         for number, handler in handlers.items():
             if signal.getsignal(number) is not handler:
                 signal.signal(number, handler)

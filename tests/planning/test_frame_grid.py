@@ -53,7 +53,7 @@ def test_a_task_that_records_and_events_both_report_counts_once() -> None:
     for _ in range(2):
         shown.apply(event("done", RELIGHT, 1001))
         shown.apply(event("done", RELIGHT, 1002))
-    relight = next(stage for stage in shown.summary(2)["stages"] if stage["name"] == "relight")
+    relight = next(stage for stage in shown.summary()["stages"] if stage["name"] == "relight")
     assert (relight["finished"], shown.running_tasks) == (2, 0)
     assert not shown.finished
 
@@ -67,7 +67,7 @@ def test_lost_frames_keep_their_reason_in_the_next_pass() -> None:
     assert shown.states("relight").tolist() == [DONE, FAILED, WAITING, DEAD]
     shown.lay_out(Graph([node(RELIGHT, 0, 1001), node(RELIGHT, 2, 1003)]), [(RELIGHT, 0)])
     assert shown.states("relight").tolist() == [DONE, FAILED, WAITING, DEAD]
-    assert shown.summary(1)["lost"] == [
+    assert shown.summary()["lost"] == [
         {"stage": "relight", "frame": 1002, "reason": "no depth"},
         {"stage": "relight", "frame": 1005, "reason": "died twice"},
     ]
@@ -81,32 +81,24 @@ def test_a_task_that_is_tried_again_waits() -> None:
     assert shown.running_tasks == 0
 
 
-def test_time_left_is_the_open_tasks_of_each_stage_times_their_mean_time() -> None:
+def test_time_left_counts_what_records_and_events_say_once() -> None:
     shown = grid()
-    for stage in (StageId("solve", sweep=0), SOLVE):
-        shown.apply(event("done", stage, *FRAMES, seconds=5.0))
+    shown.apply(event("start", RELIGHT, 1001))
+    shown.apply(event("done", RELIGHT, 1001, seconds=100.0))  # a record had told of it before
+    assert shown.time.mean("relight") is None
     shown.apply(event("done", RELIGHT, 1002, seconds=4.0))
-    for frame in FRAMES[:2]:
-        shown.apply(event("done", COMPOSITE, frame, seconds=1.0))
-    assert shown.seconds_left(1) == 2 * 4.0 + 1 * 1.0
-    assert shown.seconds_left(3) == 3.0
-    assert shown.newest == 1002
-
-
-def test_first_guess_of_the_time_left_is_the_cost_model() -> None:
-    shown, later = FrameGrid(FRAMES, 1.0), FrameGrid(FRAMES, 2.0)
-    for made in (shown, later):
-        made.lay_out(Graph([node(RELIGHT, 0, 1001)]), [])
-    assert 0 < shown.seconds_left(1) < later.seconds_left(1)
+    shown.apply(event("done", COMPOSITE, 1002, seconds=1.0))
+    assert (shown.time.mean("relight"), shown.newest) == (4.0, 1002)
+    assert shown.summary()["seconds_left"] > 0
 
 
 def test_summary_joins_neighbours_of_equal_state() -> None:
     shown = grid()
     shown.apply(event("start", RELIGHT, 1003))
-    relight = next(stage for stage in shown.summary(2)["stages"] if stage["name"] == "relight")
+    relight = next(stage for stage in shown.summary()["stages"] if stage["name"] == "relight")
     assert relight["runs"] == [[DONE, 1], [WAITING, 1], [RUNNING, 1], [WAITING, 1]]
     assert (relight["tasks"], relight["finished"], relight["seconds_each"]) == (4, 1, None)
-    assert shown.summary(2)["frames"] == "1001-1003,1005"
+    assert shown.summary()["frames"] == "1001-1003,1005"
 
 
 def test_a_long_shot_is_summed_up_in_milliseconds() -> None:
@@ -118,6 +110,6 @@ def test_a_long_shot_is_summed_up_in_milliseconds() -> None:
     for frame in frames[::2]:
         shown.apply(event("done", RELIGHT, frame))
     began = time.process_time()
-    summary = shown.summary(2)
+    summary = shown.summary()
     assert time.process_time() - began < 0.2
     assert np.sum([length for _, length in summary["stages"][0]["runs"]]) == len(frames)

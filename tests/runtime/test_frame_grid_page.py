@@ -50,6 +50,7 @@ def publish(client: Any, frames: int, name: str) -> LiveGrid:
     live = LiveGrid(name, grid, lambda frame: jpeg())
     nodes = [Node(stage, i, (n,), {"n": n}) for stage in (RELIGHT, COMPOSITE) for i, n in enumerate(numbers)]
     live.lay_out(Graph(nodes), [(RELIGHT, i) for i in range(frames // 2) if i != 2])
+    live.apply({"event": "start", "stage": "composite", "frames": [1001]})
     live.apply({"event": "done", "stage": "composite", "frames": [1001], "seconds": 0.5})
     reason = "<b>its worker died 2 times</b>"
     live.apply({"event": "dead", "stage": "relight", "frames": [1003], "reason": reason})

@@ -7,8 +7,8 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from yesnt.cli.text import compiling_line, dashboard_lines, done_line, notice_line, seconds
-from yesnt.cli.time_left import TimeLeft, stage_name
+from yesnt.cli.text import compiling_line, dashboard_lines, done_line, notice_line, seconds, time_text
+from yesnt.planning.time_left import TimeLeft, stage_name
 
 
 class LineProgress:
@@ -40,7 +40,7 @@ class LineProgress:
         elif kind == "done":
             self._done += 1
             share = 100 * self._done // max(1, self._total)
-            print(f"{done_line(event)}\nprogress {share}%, {self._time.text}", flush=True)
+            print(f"{done_line(event)}\nprogress {share}%, {time_text(self._time)}", flush=True)
         elif kind in ("retry", "failed", "worker_died", "dead", "skipped"):
             print(f"Frame {event['frames'][0]} {event['stage']} {kind}: {event['reason']}", flush=True)
 
@@ -108,4 +108,4 @@ class BarProgress:
         self._progress.update(bar, advance=1, rate=each)
         task = self._progress.tasks[self._progress.task_ids.index(bar)]
         self._progress.update(bar, left=f"{seconds((task.remaining or 0) / rate)} left")
-        self._progress.update(self._whole, advance=1, left=self._time.text)
+        self._progress.update(self._whole, advance=1, left=time_text(self._time))

@@ -12,6 +12,7 @@ from yesnt.core.errors import YesntError
 if TYPE_CHECKING:
     from yesnt.inspect.run_view import RunView
     from yesnt.inspect.status import StatusReport
+    from yesnt.planning.time_left import TimeLeft
 
 
 def print_error(error: YesntError, as_json: bool) -> None:
@@ -59,6 +60,12 @@ def seconds(value: float) -> str:
     if value < 120:
         return f"{value:.1f} s"
     return f"{value / 60:.0f} min" if value < 7200 else f"{value / 3600:.1f} h"
+
+
+def time_text(time: TimeLeft) -> str:
+    """`83.1 s elapsed, about 12 min left`."""
+    left = time.left
+    return f"{seconds(time.elapsed)} elapsed" + ("" if left is None else f", about {seconds(left)} left")
 
 
 def gigabytes(value: float) -> str:

@@ -49,23 +49,24 @@ def draw(grid: FrameGrid) -> RenderableType:
     table = Table(box=None, padding=(0, 2, 0, 0))
     for title in ("stage", "frames, first to last", "tasks", "each"):
         table.add_column(title, no_wrap=True)
-    summary = grid.summary(max(1, grid.running_tasks))
+    summary = grid.summary()
     for stage in summary["stages"]:
         each = "" if stage["seconds_each"] is None else seconds(stage["seconds_each"])
         table.add_row(stage["name"], _bar(grid, stage["name"]), f"{stage['finished']} of {stage['tasks']}", each)
     lost = [Text(f"{one['stage']} {one['frame']}: {one['reason']}", "red") for one in summary["lost"]]
     if len(lost) > MOST_LOST:
         lost[MOST_LOST:] = [Text(f"and {len(lost) - MOST_LOST} more", "red")]
-    return Group(table, Text(_headline(grid, summary["seconds_left"])), *lost)
+    return Group(table, Text(_headline(grid)), *lost)
 
 
-def _headline(grid: FrameGrid, left: float) -> str:
+def _headline(grid: FrameGrid) -> str:
     newest = "" if grid.newest is None else f", newest frame {grid.newest}"
     if grid.finished:
         return f"{len(grid.frames)} frames, finished"
     if not grid.running_tasks:
         return f"{len(grid.frames)} frames{newest}; no task runs"
-    return f"{len(grid.frames)} frames{newest}, about {seconds(left)} left"
+    left = grid.time.left
+    return f"{len(grid.frames)} frames{newest}" + ("" if left is None else f", about {seconds(left)} left")
 
 
 def _bar(grid: FrameGrid, stage: str) -> RenderableType:

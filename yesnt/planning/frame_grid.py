@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from yesnt.core.frame_ranges import frame_ranges
 from yesnt.core.stage_id import StageId
-from yesnt.planning.graph import Graph, Node, NodeId
+from yesnt.planning.graph import Graph, NodeId
 from yesnt.planning.stages import COMPOSITE, STAGES
-from yesnt.planning.task_records import held_frames
+from yesnt.planning.time_left import TimeLeft
 
 STATES = ("none", "waiting", "running", "done", "failed", "dead")
 """States of a frame of a stage, as numbers in this order; `none`: the stage makes nothing for the frame."""
@@ -30,15 +30,7 @@ class _Row:
     running: NDArray[np.int32]
     lost: NDArray[np.int8]  # FAILED or DEAD where the driver has given up
     tasks: int = 0
-    expected: float = 0.0  # seconds of all tasks, by the cost model
     finished: int = 0  # tasks that were done before, or are now
-    timed: int = 0  # tasks whose time this run has measured
-    seconds: float = 0.0  # sum over them
-
-    @property
-    def seconds_each(self) -> float | None:
-        """Mean seconds of a task of this run; None before the first."""
-        return self.seconds / self.timed if self.timed else None
 
 
 class FrameGrid:
@@ -49,6 +41,7 @@ class FrameGrid:
         lost: (stage, frame) -> `FAILED` or `DEAD`, and why the driver has given the frame up.
         newest: the frame that was delivered last; None before the first.
         running_tasks: tasks that workers have now.
+        time: elapsed, and left.
 
     Args:
         frames: frame numbers of the shot, ascending.
@@ -60,7 +53,7 @@ class FrameGrid:
         self.lost: dict[tuple[str, int], tuple[int, str]] = {}
         self.newest: int | None = None
         self.running_tasks = 0
-        self._megapixels = megapixels
+        self.time = TimeLeft(megapixels)
         self._position = {frame: i for i, frame in enumerate(self.frames)}
         self._rows: dict[str, _Row] = {}
         self._finished: set[tuple[str, int]] = set()  # (label of the stage, first frame) of every finished task
@@ -70,19 +63,17 @@ class FrameGrid:
         self.running_tasks = 0
         self._finished = set()
         used = {node.stage.name for node in graph}
-        old, self._rows = self._rows, {name: self._empty() for name in STAGES if name in used}
-        for name in old.keys() & self._rows.keys():
-            self._rows[name].timed, self._rows[name].seconds = old[name].timed, old[name].seconds
+        self._rows = {name: self._empty() for name in STAGES if name in used}
         for node in graph:
             row, place = self._rows[node.stage.name], self._places(node.frames)
             row.total[place] += 1
             row.tasks += 1
-            row.expected += self._guess(node)
         for node_id in done:
             node = graph.nodes[node_id]
             self._finish(self._rows[node.stage.name], node.stage.label, node.frames)
         for (stage, frame), (state, reason) in list(self.lost.items()):
             self.lose(stage, frame, state, reason)
+        self.time.plan({name: row.tasks - row.finished for name, row in self._rows.items()})
 
     def lose(self, stage: str, frame: int, state: int, reason: str) -> None:
         """Marks a frame that the driver has given up (`FAILED` or `DEAD`)."""
@@ -105,10 +96,10 @@ class FrameGrid:
         step = 1 if kind == "start" else -1
         row.running[place] = np.maximum(row.running[place] + step, 0)  # who begins late has not seen every start
         self.running_tasks = max(0, self.running_tasks + step)
+        if kind != "done" or (event["stage"], event["frames"][0]) not in self._finished:
+            self.time.apply(event)
         if kind == "done":
             self._finish(row, str(event["stage"]), event["frames"])
-            row.timed += 1
-            row.seconds += event["seconds"]
             if name == COMPOSITE.name:
                 self.newest = event["frames"][0]
         elif kind in ("failed", "dead"):
@@ -134,18 +125,14 @@ class FrameGrid:
         states[(row.total > 0) & (row.done >= row.total)] = DONE
         return np.where(row.lost > 0, row.lost, states)
 
-    def seconds_left(self, slots: int) -> float:
-        """Time to the end with this many tasks side by side: open tasks by stage, times their mean seconds so far."""
-        return sum(self._open_seconds(row) for row in self._rows.values()) / max(1, slots)
-
-    def summary(self, slots: int) -> dict[str, Any]:
+    def summary(self) -> dict[str, Any]:
         """The grid as a plain document: per stage runs of equal state, counts and mean seconds."""
         return {
             "frames": frame_ranges(self.frames),
             "stages": [self._stage_summary(name) for name in self._rows],
             "lost": [{"stage": s, "frame": f, "reason": why} for (s, f), (_, why) in sorted(self.lost.items())],
             "newest": self.newest,
-            "seconds_left": self.seconds_left(slots),
+            "seconds_left": self.time.left,
         }
 
     def _stage_summary(self, name: str) -> dict[str, Any]:
@@ -158,18 +145,8 @@ class FrameGrid:
             "runs": [[int(states[start]), int(length)] for start, length in zip(starts, lengths, strict=True)],
             "tasks": row.tasks,
             "finished": row.finished,
-            "seconds_each": row.seconds_each,
+            "seconds_each": self.time.mean(name),
         }
-
-    def _open_seconds(self, row: _Row) -> float:
-        each = row.seconds_each
-        if each is None:
-            each = row.expected / max(1, row.tasks)
-        return max(0, row.tasks - row.finished) * each
-
-    def _guess(self, node: Node) -> float:
-        cost = STAGES[node.stage.name].cost
-        return cost.seconds + cost.seconds_per_megapixel * self._megapixels * held_frames(node.task, node.frames)
 
     def _finish(self, row: _Row, label: str, frames: Sequence[int]) -> None:
         """Counts a task once: who reads records and events may hear of one twice."""

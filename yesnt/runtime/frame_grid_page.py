@@ -50,11 +50,9 @@ class FrameGridPage(SchedulerPlugin):
         self._html = html
         self._jobs: dict[str, JobState] = {}
         self._viewed: float | None = None
-        self._scheduler: Any = None
 
     def start(self, scheduler: Any) -> None:
         """Called by the scheduler once it has the plugin."""
-        self._scheduler = scheduler
         scheduler.handlers["yesnt_frame_grid"] = self.take
         scheduler.http_application.add_handlers(
             ".*$",
@@ -69,7 +67,7 @@ class FrameGridPage(SchedulerPlugin):
         """Takes the state of a job from its driver; without a new picture the last one stays.
 
         Returns:
-            `slots`: threads of all workers; `viewed`: seconds since somebody looked at the page, or None.
+            `viewed`: seconds since somebody looked at the page, or None.
         """
         old = self._jobs.pop(job, None)
         if old is not None and not picture:
@@ -78,7 +76,7 @@ class FrameGridPage(SchedulerPlugin):
         while len(self._jobs) > MAX_JOBS:
             del self._jobs[min(self._jobs, key=lambda name: self._jobs[name].time)]
         viewed = None if self._viewed is None else time.monotonic() - self._viewed
-        return {"slots": sum(state.nthreads for state in self._scheduler.workers.values()), "viewed": viewed}
+        return {"viewed": viewed}
 
     def look(self) -> dict[str, Any]:
         """What the page shows: the jobs, the one that reported last first."""

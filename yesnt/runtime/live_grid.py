@@ -72,17 +72,16 @@ class LiveGrid:
             self._thread.join(timeout=2 * SEND_SECONDS)
 
     def _send_until_closed(self, client: Any) -> None:
-        slots, shown, waited, looking = 1, None, 0.0, False
+        shown, waited, looking = None, 0.0, False
         with suppress(Exception):  # the driver reports a lost scheduler; a page is no reason to end a run
             last = False
             while not last:
                 last = self._stop.wait(SEND_SECONDS)
                 waited += SEND_SECONDS
                 with self._lock:
-                    state, newest = self._grid.summary(slots), self._grid.newest
+                    state, newest = self._grid.summary(), self._grid.newest
                 picture = b""
                 if newest not in (None, shown) and (last or (looking and waited >= PICTURE_SECONDS)):
                     picture, shown, waited = self._picture(newest), newest, 0.0
                 reply = client.sync(client.scheduler.yesnt_frame_grid, job=self._name, grid=state, picture=picture)
-                slots = reply["slots"]
                 looking = reply["viewed"] is not None and reply["viewed"] < LOOKING_SECONDS

@@ -15,8 +15,8 @@ MATTES = ArrayCache(8 << 20)
 def release_memory() -> None:
     """Clears the cache of frames and returns freed pages to the system.
 
-    A worker keeps freed pages for its next frame (`worker_settings.ALLOCATOR`). Before a task whose own lists are large, they
-    would add to its peak.
+    A worker keeps freed pages for its next frame (`worker_settings.ALLOCATOR`). Before a task whose own lists are
+    large, they would add to its peak.
     """
     FRAMES.clear()
     trim_memory()

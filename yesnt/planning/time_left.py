@@ -7,7 +7,6 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from yesnt.cli.text import seconds
 from yesnt.core.stage_id import StageId
 from yesnt.planning.stages import STAGES
 
@@ -34,10 +33,14 @@ class TimeLeft:
         self._first: float | None = None
         self._todo, self._count, self._spent = Counter[str](), Counter[str](), Counter[str]()
 
+    def plan(self, todo: Mapping[str, int]) -> None:
+        """Begins a pass: how many tasks of each stage are to do."""
+        self._todo = Counter(todo)
+
     def apply(self, event: Mapping[str, Any]) -> None:
         """Takes one event of the driver."""
         if event["event"] == "plan":
-            self._todo = Counter(event["stages"]) - Counter(event["reused"])
+            self.plan(Counter(event["stages"]) - Counter(event["reused"]))
         elif event["event"] == "start" and self._first is None:
             self._first = self._clock()
         elif event["event"] == "done":
@@ -60,16 +63,15 @@ class TimeLeft:
         busy = self._spent.total() / max(1e-6, self._clock() - self._first)
         return work / max(busy, 1e-3)
 
-    @property
-    def text(self) -> str:
-        """`83.1 s elapsed, about 12 min left`."""
-        left = self.left
-        return f"{seconds(self.elapsed)} elapsed" + ("" if left is None else f", about {seconds(left)} left")
+    def mean(self, name: str) -> float | None:
+        """Mean seconds of a task of a stage so far; None before the first."""
+        return self._spent[name] / self._count[name] if self._count[name] else None
 
     def _each(self, name: str) -> float:
-        """Seconds of a task of a stage."""
-        if self._count[name]:
-            return self._spent[name] / self._count[name]
+        """Seconds that a task of a stage should take."""
+        mean = self.mean(name)
+        if mean is not None:
+            return mean
         if name not in STAGES:  # of the evaluation or the capture stage
             return self._spent.total() / max(1, self._count.total())
         cost = STAGES[name].cost

@@ -8,8 +8,9 @@ from typing import Any
 import pytest
 
 from yesnt.cli.progress import BarProgress, LineProgress
-from yesnt.cli.time_left import TimeLeft
+from yesnt.cli.text import time_text
 from yesnt.planning.stages import STAGES
+from yesnt.planning.time_left import TimeLeft
 
 PLAN = {"event": "plan", "stages": {"flow": 10, "solve": 1}, "reused": {"flow": 2}}
 
@@ -33,7 +34,7 @@ def test_work_left_is_shared_by_the_workers_that_were_busy() -> None:
     for event in (*[done("flow", 5.0)] * 4, done("solve.sweep1", 9.0)):
         clock.apply(event)
     assert clock.left == 0
-    assert clock.text == "10.0 s elapsed, about 0.0 s left"
+    assert time_text(clock) == "10.0 s elapsed, about 0.0 s left"
 
 
 def test_lines_and_bars_show_them(capsys: pytest.CaptureFixture[str]) -> None:

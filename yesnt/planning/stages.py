@@ -102,7 +102,7 @@ _ROWS = (
     Stage(
         "evidence", 2, "frame", "observed, spread, plate, G-buffer, proxy, pictures of the capture's cameras; or "
         "a measured frame and the flow to it (only jobs with a capture)",
-        Cost(2.0, 200.0, 600, 600, 5), "#5aa7a7",
+        Cost(1.0, 40.0, 600, 600, 5), "#5aa7a7",
         {
             records.MeasureTask: "yesnt.tasks.evidence:measure_materials",
             records.CarryEvidenceTask: "yesnt.tasks.evidence:carry_materials",

@@ -108,7 +108,7 @@ def _sum(normal, view, painted, light, energy):
     return (1 - m) * (diffuse + dielectric) + m * factor * (painted.base * f0 + f90)
 
 
-def picture(camera, env, bands=PAINT):
+def picture(camera, env, bands=PAINT, shade=None):
     """Picture of the painted unit sphere: radiance [H, W, 3], matte, normal, planar z, materials."""
     rays, eye = camera.rays(FRAME).astype(np.float64), camera.position(FRAME)
     length = np.linalg.norm(rays, axis=-1)
@@ -121,7 +121,7 @@ def picture(camera, env, bands=PAINT):
     painted = paint(normal, bands)
     color = np.zeros((*hit.shape, 3), np.float32)
     one = Painted(painted.roughness[hit], painted.metallic[hit], painted.base[hit])
-    color[hit] = radiance(normal[hit], -along[hit], one, env)
+    color[hit] = (shade or radiance)(normal[hit], -along[hit], one, env)
     z = np.where(hit, distance / length, 1e10)
     return color, hit.astype(np.float32), normal.astype(np.float32), z.astype(np.float32), painted
 
@@ -134,16 +134,16 @@ def proxy():
     return ProxyScene.from_arrays(mesh.vertices, mesh.faces)
 
 
-def inputs(directions, env, size=32, bands=PAINT, guess=(0.5, 0.3), spread=0.1):
+def inputs(directions, env, size=32, bands=PAINT, guess=(0.5, 0.3), spread=0.1, shade=None):
     """Inputs of the evidence with cameras from these directions, and the painted materials of the plate."""
     camera = look_from([0, -1, 0.05], size)
-    color, matte, normal, z, painted = picture(camera, env, bands)
+    color, matte, normal, z, painted = picture(camera, env, bands, shade)
     full = np.ones(matte.shape, np.float32)
     surface = Surface(normal, z, matte, guess[0] * full, guess[1] * full, camera, FRAME)
     views = []
     for number, direction in enumerate(directions):
         other = look_from(direction, size)
-        seen, covered, *_ = picture(other, env, bands)
+        seen, covered, *_ = picture(other, env, bands, shade)
         views.append(View(f"c{number:02d}", other, FRAME, seen, covered))
     spreads = np.stack([spread * full, spread * full])
     light = prepare_capture(env, RELIGHT)

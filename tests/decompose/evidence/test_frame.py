@@ -167,10 +167,13 @@ def test_a_camera_of_twice_the_gain_is_named_and_left_out() -> None:
     assert sum(error(found, truth, inside)) < 1.15 * sum(error(clean, truth, inside))
 
 
-def test_a_black_picture_is_named_and_left_out() -> None:
+def test_a_black_picture_is_named_and_left_out_beside_another_that_is_wrong() -> None:
     given, _ = scene()
-    found, _ = measured(with_view(given, 2, radiance=0 * given.views[2].radiance))
+    black = with_view(given, 2, radiance=0 * given.views[2].radiance)
+    found, _ = measured(black)
     assert found.left_out == {"c02": "its picture is black where the others see the subject"}
+    both, _ = measured(with_view(black, 5, radiance=2 * given.views[5].radiance))
+    assert list(both.left_out) == ["c02", "c05"], "the worst first"
 
 
 def test_a_wrong_pose_is_named_and_left_out() -> None:

@@ -1,13 +1,15 @@
 import numpy as np
 
 from tests.decompose.evidence.scenes import RELIGHT, inputs, smooth_light
-from yesnt.decompose.evidence.observe import prepare_view, sample_view
-from yesnt.decompose.evidence.responses import CaptureScene, probe_points, responses
+from yesnt.decompose.evidence.observe import Sample, prepare_view, sample_view
+from yesnt.decompose.evidence.responses import CaptureScene, LitPoints, probe_points, responses
 from yesnt.decompose.evidence.settings import EvidenceSettings
 from yesnt.decompose.evidence.triangles import proxy_size, shown_radiance
 from yesnt.relight.albedo import multiple_scattering
-from yesnt.relight.occlusion import find_occluders
-from yesnt.relight.points import gather_pixels
+from yesnt.relight.frame import prepare_capture
+from yesnt.relight.occlusion import Occluders, find_occluders
+from yesnt.relight.points import Pixels, gather_pixels
+from yesnt.relight.proxy import OPEN, ProxyScene
 
 SETTINGS = EvidenceSettings()
 MATERIALS = ((0.35, 0.0, (0.5, 0.2, 0.1)), (0.43, 1.0, (0.8, 0.6, 0.3)), (0.83, 0.5, (0.4, 0.4, 0.4)))
@@ -49,3 +51,27 @@ def test_an_occluded_direction_shows_what_the_cameras_saw_of_the_occluder() -> N
     assert not shown[-1].any(), "an open direction adds nothing"
     away = faces @ np.array([0.7, -0.7, 0.3]) < -0.6
     np.testing.assert_allclose(shown[:-1][away].mean(0), 0.5 * np.median(seen, axis=0), rtol=0.15)
+
+
+def test_a_sharp_lobe_sees_a_small_occluder_that_a_broad_one_misses() -> None:
+    """A box of 6 degrees lies where the view is mirrored to, beside the middle of its light cluster."""
+    import trimesh
+
+    view = np.float32([0.6, 0, 0.8])
+    mirrored = np.array([-0.6, 0, 0.8])
+    box = trimesh.creation.box((0.1, 0.1, 0.1))
+    box.apply_translation(mirrored)
+    proxy = ProxyScene.from_arrays(box.vertices, box.faces)
+    light = prepare_capture(smooth_light(0.0), RELIGHT)
+    one, origin = np.ones(1, np.float32), np.zeros((1, 3), np.float32)
+    pixels = Pixels(np.zeros(1, np.int64), (1, 1), origin, np.float32([[0, 0, 1]]), view[None], one, one)
+    hits = proxy.cluster_hits(origin, pixels.normal, light.clusters)
+    assert (hits == OPEN).all(), "the middles of the clusters are free"
+    shown = np.concatenate([np.full((len(box.faces), 3), 5), np.zeros((1, 3))]).astype(np.float32)
+    occluders = Occluders(origin, proxy, None, np.zeros(1, np.int32), one)
+    scene = CaptureScene(light, occluders, shown, RELIGHT)
+    sample = Sample(np.ones((1, 3), np.float32), np.zeros((1, 3), np.float32), np.ones(1, bool), view[None], one)
+    of = responses(LitPoints(pixels, origin, hits, one), [sample], scene, np.array([0.05, 0.5]))
+    mirror, broad = (of.metal_f0 + of.metal_f90)[0, 0, :, 0]
+    assert mirror > 1.5, "a cluster is one direction, whose lobe reaches into its neighbours"
+    assert broad < 1.1

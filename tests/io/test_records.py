@@ -70,3 +70,14 @@ def test_a_record_of_an_older_version_has_no_check_and_is_read(tmp_path: Path) -
     document = {"stage": "relight", "frame": 1001, "key": "k", "fields": {}}
     path.write_text(json.dumps(document))
     assert book.find("relight", 1001) == Record(**document)
+
+
+def test_a_record_that_lies_in_the_place_of_another_is_not_believed(tmp_path: Path) -> None:
+    book = RecordBook(tmp_path)
+    for stage, frame in (("relight", 1001), ("relight", 1002), ("flow", 1001)):
+        book.commit(Record(stage, frame, "k", {}))
+    book.path("relight", 1001).write_bytes(book.path("relight", 1002).read_bytes())
+    book.path("flow", 1001).write_bytes(book.path("relight", 1002).read_bytes())
+    assert book.find("relight", 1001) is None
+    assert book.find("flow", 1001) is None
+    assert book.find("relight", 1002) is not None

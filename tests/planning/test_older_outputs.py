@@ -20,6 +20,10 @@ def age(session: Session) -> None:
     """Makes the output look as the version before left it: stage `trust`, array `evaluations`, lower versions."""
     records = session.book.folder
     (records / "confidence").rename(records / "trust")
+    for path in (records / "trust").glob("*.json"):
+        document = json.loads(path.read_text()) | {"stage": "trust"}
+        del document["check"]  # older records have none
+        path.write_text(json.dumps(document))
     (session.output.store / "evaluations").mkdir()
     for path in (records / "decompose").glob("*.json"):
         document = json.loads(path.read_text())

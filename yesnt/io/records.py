@@ -128,6 +128,8 @@ class RecordBook:
             record = Record(**json.loads(text))
         except (OSError, ValueError, TypeError):
             return None
+        if (record.stage, record.frame) != (str(stage), frame):
+            return None  # another frame's record lies here
         return record if not record.check or _check_of(text, record.check) == record.check else None
 
     def done(self, stage: StageId | str, frame: int, key: str) -> Record | None:

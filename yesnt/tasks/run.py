@@ -9,6 +9,7 @@ from yesnt.core.shot import Job, Shot
 from yesnt.core.threads import pin_threads
 from yesnt.planning.graph import Node
 from yesnt.planning.stages import function_of
+from yesnt.tasks.shortages import shortage_of
 from yesnt.tasks.workspace import Workspace
 
 
@@ -17,13 +18,21 @@ def run_node(job: Job, node: Node) -> dict[str, Any]:
 
     Returns:
         A receipt: seconds and peak memory (`Workspace.receipt`).
+
+    Raises:
+        ShortageError: the task cannot run now, because another process holds what it needs.
     """
     pin_threads()
     space: Workspace[Any] = Workspace(job, node)
     with space.claimed(), space.logged():
         if space.pending():
             module, _, name = function_of(node.stage, node.task).partition(":")
-            getattr(import_module(module), name)(space)
+            try:
+                getattr(import_module(module), name)(space)
+            except Exception as error:
+                if shortage := shortage_of(error):
+                    raise shortage from error
+                raise
     return space.receipt()
 
 

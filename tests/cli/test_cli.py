@@ -96,7 +96,7 @@ def test_a_shot_from_plan_to_verify(tmp_path: Path) -> None:
         "decompose": 2, "flow": 1, "confidence": 1, "solve": 1, "relight": 2, "composite": 2, "preview": 1,
     }  # fmt: skip
     written = {file.name for file in (path.parent / "out").rglob("*") if file.is_file()}
-    assert written <= {"file_digests.json", "facts.json", "record_index.json"}, (
+    assert written <= {"file_digests.json", "facts.json", "plate_headers.json", "record_index.json"}, (
         "plan writes what it learned of the inputs"
     )
     done = yesnt("run", path, "--workers", "1")
@@ -137,6 +137,7 @@ def test_missing_frames_are_exit_3_and_named(tmp_path: Path) -> None:
 def test_interrupt_that_falls_into_a_finaliser_is_not_lost() -> None:
     program = """
 import signal, time
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job of a shell inherits an ignored one
 from yesnt import cli
 
 class Finalised:

@@ -7,7 +7,10 @@ from pathlib import Path
 
 from tests.in_process import run_here
 from tests.tiny_shot import write_tiny_shot
+from yesnt.io.records import Record
+from yesnt.planning.stages import RELIGHT
 from yesnt.report import write_report
+from yesnt.runtime.attempt import recorded
 from yesnt.runtime.session import Session
 
 DECOMPOSE = {"backend": "embedded", "samples": 2, "knobs": {"keyframe_step": 3, "steps": 1}}
@@ -37,3 +40,17 @@ def test_a_shot_that_was_not_run_has_a_page_that_says_so(tmp_path: Path) -> None
     page = write_report(session).read_text()
     assert "Not done" in page
     assert "Where network evaluations went" not in page
+
+
+def test_a_task_whose_receipt_was_lost_is_in_the_timeline(tmp_path: Path) -> None:
+    """Its worker or the scheduler died after it had committed: what its record says is all that is known."""
+    session = Session(write_tiny_shot(tmp_path / "shot", 2))
+    session.output.run.mkdir(parents=True)
+    node = session.graph().committer(RELIGHT, 1001)
+    measured = {"seconds": {"task": 1.5, "kernel": 1.0}, "facts": {"peak_bytes": 1}}
+    session.book.commit(Record("relight", 1001, node.frame_key(1001), node.fields, **measured))
+    event = {"event": "done", "time": 10.0, "stage": "relight", "frames": [1001], **recorded(session.book, node)}
+    session.output.events.write_text(json.dumps(event) + "\n")
+    write_report(session)
+    (task,) = json.loads((session.output.run / "report.json").read_text())["tasks"]
+    assert (task["stage"], task["worker"], task["begin"], task["end"]) == ("relight", 0, 8.5, 10.0)

@@ -69,7 +69,7 @@ def _sampling(records: Sequence[Any]) -> dict[str, Any]:
 
 
 def _tasks(session: Session) -> list[dict[str, Any]]:
-    """When each finished task of the last run began and ended, and in which process."""
+    """When each finished task of the last run began and ended, and in which process (0: not known)."""
     tasks: list[dict[str, Any]] = []
     if not session.output.events.exists():
         return tasks
@@ -82,6 +82,6 @@ def _tasks(session: Session) -> list[dict[str, Any]]:
             row = find_stage(StageId.parse(event["stage"]).name)
             if row is None:
                 continue  # of another version of the product
-            span = {"stage": row.name, "frame": event["frames"][0], "worker": event["pid"]}
+            span = {"stage": row.name, "frame": event["frames"][0], "worker": event.get("pid", 0)}
             tasks.append(span | {"begin": end - event["seconds"], "end": end})
     return tasks

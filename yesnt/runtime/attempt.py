@@ -37,6 +37,7 @@ def recorded(book: RecordBook, node: Node) -> dict[str, Any]:
         "seconds": seconds.get("task", 0.0),
         "kernel_seconds": seconds.get("kernel", 0.0),
         "peak_bytes": facts.get("peak_bytes", 0),
+        "pid": 0,  # not known
     }
 
 

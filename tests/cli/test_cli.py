@@ -121,6 +121,10 @@ def test_a_shot_from_plan_to_verify(tmp_path: Path) -> None:
     assert "1 of 2" not in yesnt("plan", path).stdout
 
 
+def test_logs_before_the_first_run_say_so(tmp_path: Path) -> None:
+    assert "No run of this job has begun" in str(called("logs", write_tiny_shot(tmp_path / "shot", 1)))
+
+
 def test_missing_frames_are_exit_3_and_named(tmp_path: Path) -> None:
     path = write_tiny_shot(tmp_path / "shot", 2)
     mark = path.parent / "out" / "run" / "dead" / "relight" / "1002.json"

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from tests.tiny_shot import write_tiny_shot
 from yesnt.core.errors import JobError, YesntError
@@ -65,7 +66,7 @@ SPOILERS = {
     "a header of 10^6 x 10^6 pixels": (lambda d: claim(d / "plate.1002.exr", 1_000_000), r"limit|claims.*plate\.1002"),
     "no camera": (lambda d: (d / "camera.json").unlink(), "camera file is missing"),
     "broken camera": (lambda d: (d / "camera.json").write_text("{"), "camera file cannot be read"),
-    "no pose": (lambda d: repose(d), "no pose for frame 1004"),
+    "no pose": (lambda d: repose(d), r"no pose for frame 1004.*camera\.json.*1001-1003"),
     "broken mesh": (lambda d: (d / "proxy.1001.ply").write_text("ply\n"), "proxy mesh is damaged|no usable triangles"),
 }
 
@@ -125,6 +126,28 @@ def test_what_lies_outside_the_matte_stops_nothing_and_is_counted(tiny_shot: Pat
         "plate: pixels with colour but no coverage, added to the composite as they are (or set `alpha: straight`): "
         "1 in the shot",
     ]
+
+
+@pytest.mark.parametrize(
+    ("output", "plate"),
+    [(".", "exr/tiny.####.exr"), ("out", "out/exr/tiny.####.exr"), ("out", "out/run/plate.####.exr")],
+)
+def test_results_are_not_written_over_the_inputs(tiny_shot: Path, output: str, plate: str) -> None:
+    job = yaml.safe_load(tiny_shot.read_text()) | {"output": output, "plate": {"path": plate}}
+    tiny_shot.write_text(yaml.safe_dump(job))
+    for path in tiny_shot.parent.glob("plate.*.exr"):
+        target = tiny_shot.parent / plate.replace("####", path.name.split(".")[1])
+        target.parent.mkdir(parents=True, exist_ok=True)
+        path.rename(target)
+    with pytest.raises(JobError, match=r"results would be written over an input.*1001\.exr.*set `output:`"):
+        Session(tiny_shot).run(RunOptions())
+
+
+def test_one_file_for_all_frames_is_reported(tiny_shot: Path) -> None:
+    job = yaml.safe_load(tiny_shot.read_text()) | {"plate": {"path": "plate.1001.exr"}}
+    tiny_shot.write_text(yaml.safe_dump(job))
+    expected = "plate: plate.1001.exr serves all 4 frames; a sequence has #### where the frame number stands"
+    assert expected in check(tiny_shot)
 
 
 def test_handles_are_normal(tiny_shot: Path) -> None:

@@ -113,6 +113,7 @@ def logs(
     follow: Annotated[bool, typer.Option("--follow", help="print what is added until the run is over")] = False,
 ) -> None:
     """Print what the driver of the last run printed, or the logs of a frame."""
+    from yesnt.core.errors import JobError
     from yesnt.inspect.logs import RunLines, frame_logs
     from yesnt.inspect.run_view import look
     from yesnt.runtime.control import open_output
@@ -121,6 +122,8 @@ def logs(
     if frame is not None:
         print("\n".join(frame_logs(output, frame, stage)))
         return
+    if look(output, 0).state == "none":
+        raise JobError("No run of this job has begun", str(output.run), "a run", "`yesnt run SHOT` starts one")
     lines = RunLines(output, stage)
     while True:
         over = not follow or look(output, 0).over

@@ -24,7 +24,7 @@ COLORS = ("grey23", "grey50", "yellow", "green", "red", "dark_red")
 
 
 def watch(shot: Path) -> None:
-    """Shows the state of a shot once a second until all is done or the user interrupts."""
+    """Shows the state of a shot once a second until all is done or its run ends; before the first run it waits."""
     from rich.console import Console
     from rich.live import Live
 
@@ -33,7 +33,8 @@ def watch(shot: Path) -> None:
     found = Watch(shot)
     console = Console()
     with Live(draw(found.grid), console=console, auto_refresh=False, transient=False) as live:
-        while not found.grid.finished:
+        live.refresh()
+        while not (found.grid.finished or found.over):
             time.sleep(REFRESH_SECONDS)
             if found.update() and sys.stdout.isatty():
                 live.update(draw(found.grid), refresh=True)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from yesnt.core.camera_document import CameraDocument, Lens, read_document
 from yesnt.core.distortion import UNDISTORTED, Distortion
 from yesnt.core.errors import JobError
+from yesnt.core.frame_ranges import frame_ranges
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,7 @@ class Camera:
         if frame not in self.poses:
             raise JobError(
                 f"The camera has no pose for frame {frame}",
-                f"frames {sorted(self.poses)}",
+                f"camera.json, key frames: it has {frame_ranges(self.poses)}",
                 "one pose a frame",
                 "add it",
             )

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from yesnt.inspect.run_view import look
 from yesnt.planning.frame_grid import DEAD, FrameGrid
 from yesnt.runtime.driver import Driver
 from yesnt.runtime.session import Session
@@ -32,6 +33,12 @@ class Watch:
         self.grid = FrameGrid(job.frames, job.width * job.height / 1e6)
         self._log = EventLog(self._session.output.events)
         self._lay_out()
+
+    @property
+    def over(self) -> bool:
+        """Whether the last run has ended, done or not; False before the first."""
+        view = look(self._session.output, 0)
+        return view.over and view.state != "none"
 
     def update(self) -> bool:
         """Reads what the driver has logged since the last call; returns whether there was anything."""

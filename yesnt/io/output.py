@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -85,6 +85,27 @@ class OutputFolder:
     def log_path(self, stage: StageId | str, frame: int) -> Path:
         """The log of one frame of one stage."""
         return self.run / "logs" / str(stage) / f"{frame:04d}.log"
+
+    def refuse_inputs(self, name: str, frames: Iterable[int], inputs: Iterable[str]) -> None:
+        """Refuses a job whose EXRs, store or records would be written over its own inputs; writes nothing.
+
+        Args:
+            name: of the shot.
+            frames: that are delivered.
+            inputs: paths of all input files.
+
+        Raises:
+            JobError: as said; names the first such file.
+        """
+        delivered = {os.path.realpath(self.exr_path(name, frame)) for frame in frames}
+        own = tuple(f"{os.path.realpath(folder)}{os.sep}" for folder in (self.store, self.run))
+        for path in inputs:
+            real = os.path.realpath(path)
+            if real in delivered or real.startswith(own):
+                raise JobError(
+                    "The results would be written over an input", path, "an output folder apart from the inputs",
+                    "set `output:` to another folder, or `name:` to another name",
+                )  # fmt: skip
 
     def check(self, needed_bytes: int) -> None:
         """Refuses a folder that cannot be written or has too little room; writes nothing.

@@ -27,7 +27,7 @@ from yesnt.io import env_maps, shot_inputs
 from yesnt.io.color_statements import Statement
 from yesnt.io.fact_cache import FactCache
 from yesnt.io.job_colors import check_statement, first_statements
-from yesnt.io.jobfile import correction_patterns, frame_path, frames_on_disk, pass_files
+from yesnt.io.jobfile import correction_patterns, frame_path, frames_on_disk, has_frame_number, pass_files
 from yesnt.io.mesh import read_proxy
 from yesnt.io.output import OutputFolder
 from yesnt.io.pictures.describe import alpha_warnings, describe_raster, describe_reads, raster_warnings
@@ -95,11 +95,13 @@ class InputChecks:
         """
         job = self._job
         warnings = [*self._notes, *_no_video(job), *raster_warnings(job, self._camera), *alpha_warnings(job)]
+        warnings += list(_one_for_all(job))
         warnings += [f"camera: {odd}" for odd in oddities(self._camera, job.frames)] + list(light_warnings(job))
         for pattern in (job.shot.plate.path, job.shot.gbuffer.path):
             for frame in (frame for frame in job.frames if not self.facts.knows(self._frame_key(frame))):
                 check_fits(job, read_header(frame_path(job.root, pattern, frame)))
         output = OutputFolder.of(job)
+        output.refuse_inputs(job.shot.name, job.frames, self._digests)
         output.check(len(job.frames) * job.width * job.height * STORE_BYTES_PER_PIXEL // 2)
         if not beside_others:
             output.refuse_if_running()
@@ -306,6 +308,15 @@ def inspect(resolved: Resolved) -> list[str]:
     """
     checks = InputChecks(resolved)
     return checks.form() + checks.content()
+
+
+def _one_for_all(job: Job) -> Iterable[str]:
+    """Sequences whose path has no frame number: often a path that was pasted from a file browser."""
+    shot, count = job.shot, len(job.frames)
+    matte = shot.matte.path if shot.matte else None
+    for role, pattern in (("plate", shot.plate.path), ("gbuffer", shot.gbuffer.path), ("matte", matte)):
+        if pattern is not None and count > 1 and not has_frame_number(pattern):
+            yield f"{role}: {pattern} serves all {count} frames; a sequence has #### where the frame number stands"
 
 
 def _no_video(job: Job) -> Iterable[str]:

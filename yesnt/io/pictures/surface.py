@@ -38,7 +38,7 @@ def planar_z(stored: F32, spec: GBufferInput, camera: Camera, frame: int) -> F32
 def world_normals(stored: F32, spec: GBufferInput, camera: Camera, frame: int) -> F32:
     """Normals [H, W, 3] as stored in a file, to world space; lengths are kept."""
     if spec.normal_range == "unsigned":
-        stored = 2 * stored - 1
+        stored = np.where((stored != 0).any(-1, keepdims=True), 2 * stored - 1, 0)  # black: nothing was hit
     if spec.normal_space == "world_y_up":
         stored = stored[..., [0, 2, 1]] * np.array([1, -1, 1], np.float32)
     elif spec.normal_space != "world":

@@ -19,6 +19,7 @@ from tests.cases.shots import check, stored, write
 from yesnt.core.camera import Camera
 from yesnt.io.embedded_shot import SHOT
 from yesnt.io.mesh import read_proxy
+from yesnt.runtime.consistency.contradictions import _mend
 from yesnt.runtime.preflight import resolve
 from yesnt.runtime.session import Session
 
@@ -198,3 +199,9 @@ def test_a_wrong_proxy_is_reported(tmp_path: Path, change: Callable[[np.ndarray]
     folder = write_frame(tmp_path / "s")
     write_proxy(folder, change)
     assert re.search(message, reported(folder))
+
+
+def test_mistakes_that_fit_alike_are_all_named() -> None:
+    mends = [{"the job said A": (1.0, 0.02), "the job said B": (1.0, 0.02), "they were flipped": (0.9, 0.3)}]
+    assert _mend(mends, 0.8, "look at it") == "it would be 100% if the job said A, or if the job said B"
+    assert _mend(mends, 1.1, "look at it") == "look at it"

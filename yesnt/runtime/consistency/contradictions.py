@@ -18,6 +18,7 @@ _STEEP = 1.4  # slopes of right shots are 1.01 to 1.04 times those of the normal
 _RAY_GAIN = 1.5  # least gain of misfit: noisy normals gave 1.1, the shots of the capture stage 2 and more
 _SIZES = (0.02, 50.0)  # metres: a subject of the capture is between a hand and a truck
 _BRIGHT = 0.05  # share of pixels brighter than white paper would be
+_ALIKE = 1.01  # misfits that differ by less are the same
 _BLACK = 0.02  # median albedo: half of what glass reflects; black plastics of the capture stage had 0.025
 _DARK = 0.1  # and albedo that only 1 % of the pixels exceed
 
@@ -125,12 +126,16 @@ def _of_proxy(facts: Sequence[Facts], where: str) -> Iterable[str]:
 
 
 def _mend(mends: Sequence[Mapping[str, Sequence[float]]], good: float, otherwise: str) -> str:
-    """The mistake that leaves the least misfit, of those that explain enough in every frame that tried them."""
+    """The mistakes that leave the least misfit, of those that explain enough in every frame that tried them.
+
+    Several may fit alike: with a level camera that looks along +Y, OpenGL's camera axes are those of a Y-up world.
+    """
     tried = [one for one in mends if one]
     shares = {name: min(one[name][0] for one in tried) for name in (tried[0] if tried else ())}
     misfit = {name: max(one[name][1] for one in tried) for name, share in shares.items() if share >= good}
-    best = min(misfit, key=lambda name: misfit[name], default="")
-    return f"it would be {shares[best]:.0%} if {best}" if best else otherwise
+    least = min(misfit.values(), default=0.0)
+    alike = [name for name, value in misfit.items() if value <= _ALIKE * least + 1e-6]
+    return f"it would be {shares[alike[0]]:.0%} if {', or if '.join(alike)}" if alike else otherwise
 
 
 def _mean(facts: Sequence[Facts], key: str) -> float:

@@ -139,6 +139,7 @@ PASS = "{pass}"
 """What stands for the name of a pass in a pattern."""
 
 
+@lru_cache(maxsize=256)
 def has_frame_number(pattern: str) -> bool:
     """Whether a file's name has a place for a frame number (####, %04d, @@@@, $F4); its folders have none."""
     return bool(_FRAME_SIGN.search(os.path.basename(pattern)))
@@ -146,10 +147,15 @@ def has_frame_number(pattern: str) -> bool:
 
 def frame_path(root: str | Path, pattern: str, frame: int) -> Path:
     """The file of one frame; a pattern without a frame number is the same file for every frame."""
-    folder, name = os.path.split(pattern)
-    if has_frame_number(pattern):
-        name = str(_sequence(name).frame(frame))
-    return Path(os.path.expanduser(root)) / os.path.expanduser(os.path.join(folder, name))
+    whole, name = _placed(str(root), pattern)
+    return Path(whole, str(_sequence(name).frame(frame)) if has_frame_number(name) else name)
+
+
+@lru_cache(maxsize=256)
+def _placed(root: str, pattern: str) -> tuple[str, str]:
+    """Folder of a pattern's files, and the pattern of their names; a long shot asks for each thousands of times."""
+    folder, name = os.path.split(os.path.expanduser(pattern))
+    return os.path.join(os.path.expanduser(root), folder), name
 
 
 def pass_patterns(pattern: str) -> dict[str, str]:

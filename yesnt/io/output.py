@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 from yesnt.core.errors import JobError
@@ -97,11 +98,12 @@ class OutputFolder:
         Raises:
             JobError: as said; names the first such file.
         """
-        delivered = {os.path.realpath(self.exr_path(name, frame)) for frame in frames}
-        own = tuple(f"{os.path.realpath(folder)}{os.sep}" for folder in (self.store, self.run))
+        real = cache(os.path.realpath)
+        exrs, own = real(self.exr), tuple(os.path.join(real(folder), "") for folder in (self.store, self.run))
+        delivered = {self.exr_path(name, frame).name for frame in frames}
         for path in inputs:
-            real = os.path.realpath(path)
-            if real in delivered or real.startswith(own):
+            folder, file = os.path.split(path)
+            if (real(folder) == exrs and file in delivered) or os.path.join(real(folder), "").startswith(own):
                 raise JobError(
                     "The results would be written over an input", path, "an output folder apart from the inputs",
                     "set `output:` to another folder, or `name:` to another name",

@@ -176,7 +176,7 @@ class Session:
         forced = [parse_force(self.job, text) for text in options.force]
         index = self.open_index()
         with LazyCluster(where, worker_modules(self.job.shot)) as cluster:
-            if forced or any(not is_done(index, node) for node in wanted):
+            if forced or any(not node.transient and not is_done(index, node) for node in wanted):
                 cluster.begin(listen)
             result.warnings += self.checks.content()
             gone: list[LeaseState] = []

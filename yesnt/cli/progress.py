@@ -32,7 +32,7 @@ class LineProgress:
             self._total, self._done = sum(event["stages"].values()), sum(event["reused"].values())
             print(f"{self._total} tasks, {self._done} done already", flush=True)
         elif kind == "cluster":
-            print(dashboard_lines(event), flush=True)
+            print(f"{dashboard_lines(event)}\n", end="", flush=True)  # whole, also if an interrupt comes between
         elif notice_line(event):
             print(notice_line(event), flush=True)
         elif kind in ("compiling", "compiled"):
@@ -40,7 +40,7 @@ class LineProgress:
         elif kind == "done":
             self._done += 1
             share = 100 * self._done // max(1, self._total)
-            print(f"{done_line(event)}\nprogress {share}%, {time_text(self._time)}", flush=True)
+            print(f"{done_line(event)}\nprogress {share}%, {time_text(self._time)}\n", end="", flush=True)
         elif kind in ("retry", "failed", "worker_died", "dead", "skipped"):
             print(f"Frame {event['frames'][0]} {event['stage']} {kind}: {event['reason']}", flush=True)
 

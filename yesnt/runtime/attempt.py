@@ -16,11 +16,19 @@ _WORKER = "yesnt_worker"
 def attempt(task: Callable[[Any, Node], dict[str, Any]], context: Packed, node: Node) -> dict[str, Any]:
     """Runs a task; the address of its worker is added to the receipt, or to the error."""
     try:
-        return {**task(context.unpack(), node), "worker": _own_address()}
+        return {**_without_exit(task, context.unpack(), node), "worker": _own_address()}
     except Exception as error:
         with suppress(AttributeError, TypeError):  # an error without attributes says nothing of its worker
             setattr(error, _WORKER, _own_address())
         raise
+
+
+def _without_exit(task: Callable[[Any, Node], dict[str, Any]], context: Any, node: Node) -> dict[str, Any]:
+    """Runs a task; `sys.exit` inside it is a failure like others: Dask would neither end the worker nor the task."""
+    try:
+        return task(context, node)
+    except SystemExit as error:
+        raise RuntimeError(f"a part of the task called sys.exit({error.code!r})") from error
 
 
 def worker_of(error: BaseException | None) -> str:

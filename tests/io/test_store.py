@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import zarr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -185,3 +186,13 @@ def test_a_damaged_shard_is_written_over(store: FrameStore, how: str) -> None:
     path.write_bytes(SPOILED[how](path.read_bytes()))
     digest = store.write("observed", 1, frame(2))
     np.testing.assert_array_equal(store.read("observed", 1, digest), frame(2))
+
+
+def test_an_exit_while_a_shard_is_written_is_an_error_and_no_wait_for_ever(tmp_path, monkeypatch) -> None:
+    import sys
+
+    from yesnt.io import store as module
+
+    monkeypatch.setattr(module, "write_bytes", lambda path, data: sys.exit("why"))
+    with pytest.raises(RuntimeError, match=r"sys\.exit\('why'\) while a shard was written"):
+        zarr.create_array(module.DurableStore(tmp_path / "a.zarr"), shape=(2,), dtype="f4")

@@ -30,10 +30,17 @@ class DurableStore(LocalStore):
         """Writes one value whole, synced and read back, before it gets its name.
 
         It blocks Zarr's event loop, on which nothing else waits: a worker writes one shard at a time.
+
+        Raises:
+            RuntimeError: `sys.exit` was called meanwhile. As SystemExit it would end the thread of Zarr's event loop,
+                and the task would wait for it for ever.
         """
         path = Path(self.root) / key
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_bytes(path, value.to_bytes())
+        try:
+            write_bytes(path, value.to_bytes())
+        except SystemExit as error:
+            raise RuntimeError(f"sys.exit({error.code!r}) while a shard was written") from error
 
 
 class FrameStore:

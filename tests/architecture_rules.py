@@ -17,6 +17,7 @@ LAYERS = (
 FOLDERS = {
     "core": "shared terms",
     "temporal": "kernels", "relight": "kernels", "decompose": "kernels", "scene": "kernels", "metrics": "kernels",
+    "gaussians": "kernels",
     "io": "files", "capture": "files", "capture_stage": "files", "training": "files",
     "planning": "plans",
     "tasks": "tasks",

@@ -7,7 +7,7 @@ import random
 from pathlib import Path
 
 from yesnt.io.store import FrameStore
-from yesnt.runtime.driver import is_done
+from yesnt.runtime.driver.driver import is_done
 from yesnt.runtime.run_options import RunOptions
 from yesnt.runtime.session import Session
 from yesnt.tasks.run import run_node

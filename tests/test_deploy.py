@@ -19,9 +19,9 @@ import pytest
 import yaml
 
 from tests.docker.dockerfile import entry_point, steps_of
-from yesnt.runtime.cluster import open_cluster
+from yesnt.runtime.cluster.open_cluster import open_cluster
+from yesnt.runtime.cluster.worker_settings import ALLOCATOR, dask_settings
 from yesnt.runtime.launchers.spec import ClusterSpec, read_cluster
-from yesnt.runtime.worker_settings import ALLOCATOR, dask_settings
 
 ROOT = Path(__file__).parent.parent
 DOCKERFILES = sorted((ROOT / "docker").glob("*.Dockerfile"))

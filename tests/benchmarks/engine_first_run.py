@@ -2,9 +2,10 @@
 
     python tests/benchmarks/engine_first_run.py [--kernels]
 
-Compiles every unit of runtime/precompile.py in a fresh process and an empty cache and prints processor seconds per
-kernel, callees excluded. Then runs the demo twice, first with an empty cache, and prints the seconds by the clock, the
-time until all kernels were compiled, and the longest time without a line of output. `--kernels`: the first part alone.
+Compiles every unit of runtime/cluster/precompile.py in a fresh process and an empty cache and prints processor seconds
+per kernel, callees excluded. Then runs the demo twice, first with an empty cache, and prints the seconds by the clock,
+the time until all kernels were compiled, and the longest time without a line of output. `--kernels`: the first part
+alone.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from typing import Any
 
 from numba.core import event
 
-from yesnt.runtime.precompile import UNITS
+from yesnt.runtime.cluster.precompile import UNITS
 
 
 class CompileTimes(event.Listener):

@@ -25,9 +25,9 @@ from typing import Any
 from tests.planning.long_shot import long_plan
 from yesnt.io.records import RecordBook
 from yesnt.planning.graph import Graph, Node, NodeId
-from yesnt.runtime.driver import Driver, DriverSettings
-from yesnt.runtime.start_order import ReadyNodes
-from yesnt.runtime.worker_settings import dask_settings
+from yesnt.runtime.cluster.worker_settings import dask_settings
+from yesnt.runtime.driver.driver import Driver, DriverSettings
+from yesnt.runtime.driver.start_order import ReadyNodes
 from yesnt.workflows.shot import shot_graph
 
 SECONDS = {

@@ -8,7 +8,7 @@ import yaml
 from yesnt.io.store import FrameStore
 from yesnt.planning.builders.decompose import full_frame_nodes
 from yesnt.planning.graph import Graph
-from yesnt.runtime.driver import is_done
+from yesnt.runtime.driver.driver import is_done
 from yesnt.runtime.session import Session
 from yesnt.tasks.run import run_node
 

@@ -19,7 +19,7 @@ from yesnt.core.errors import MissingPartError
 from yesnt.io.camera_files.files import blender_script
 from yesnt.io.exr import read_planes
 from yesnt.metrics.image import psnr
-from yesnt.runtime.input_checks import inspect
+from yesnt.runtime.checks.inputs import inspect
 from yesnt.runtime.session import Session
 
 pytestmark = pytest.mark.blender

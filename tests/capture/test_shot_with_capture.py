@@ -9,8 +9,8 @@ from yesnt.core.errors import JobError
 from yesnt.io.exr import write_exr
 from yesnt.io.pictures.image import read_image
 from yesnt.planning.stages import EVIDENCE
-from yesnt.runtime.input_checks import inspect
-from yesnt.runtime.preflight import resolve
+from yesnt.runtime.checks.inputs import inspect
+from yesnt.runtime.checks.preflight import resolve
 from yesnt.runtime.session import Session
 
 

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from tests.in_process import run_here
 from yesnt.core.errors import YesntError
 from yesnt.io.pictures.image import read_image
+from yesnt.runtime.checks.inputs import inspect
 from yesnt.runtime.clamps import clamp_lines
-from yesnt.runtime.input_checks import inspect
 from yesnt.runtime.session import Session
 
 Array = NDArray[Any]

@@ -31,7 +31,7 @@ from tests.in_process import run_here
 from yesnt.core.errors import ClusterLostError
 from yesnt.planning.chunks import Extent
 from yesnt.runtime import session as session_module
-from yesnt.runtime.cluster import open_cluster
+from yesnt.runtime.cluster.open_cluster import open_cluster
 from yesnt.runtime.launchers.spec import ClusterSpec
 from yesnt.runtime.session import Session
 

@@ -24,7 +24,7 @@ from yesnt.inspect.status import StatusReport, status
 from yesnt.inspect.status_memory import StatusMemory
 from yesnt.io import file_digests
 from yesnt.planning.stages import RELIGHT
-from yesnt.runtime.driver import is_done
+from yesnt.runtime.driver.driver import is_done
 from yesnt.runtime.session import Session
 
 LONG = 300
@@ -172,7 +172,7 @@ def test_damaged_memories_are_ignored(shot: Path, name: str, text: str) -> None:
 def test_a_second_plan_decodes_nothing(shot: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rows = forecast(Session(shot)).stages
     monkeypatch.setattr("yesnt.io.shot_inputs.read_passes", lambda *a: pytest.fail("a frame is decoded again"))
-    monkeypatch.setattr("yesnt.runtime.input_checks.read_header", lambda *a: pytest.fail("a header is read again"))
+    monkeypatch.setattr("yesnt.runtime.checks.inputs.read_header", lambda *a: pytest.fail("a header is read again"))
     assert forecast(Session(shot)).stages == rows
 
 

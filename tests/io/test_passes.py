@@ -10,7 +10,7 @@ from yesnt.io.exr import write_exr
 from yesnt.io.jobfile import pass_patterns
 from yesnt.io.pictures.image import read_image
 from yesnt.io.shot_inputs import read_passes
-from yesnt.runtime.preflight import resolve
+from yesnt.runtime.checks.preflight import resolve
 
 FRAMES = range(1001, 1005)
 

@@ -20,8 +20,8 @@ from yesnt.io.store import FrameStore
 from yesnt.planning.stages import SOLVE, STAGES, function_of
 from yesnt.planning.task_records import TaskRecord
 from yesnt.report.timeline import timeline_svg
+from yesnt.runtime.cluster.worker_settings import dask_settings
 from yesnt.runtime.session import Session
-from yesnt.runtime.worker_settings import dask_settings
 from yesnt.workflows.shot import shot_graph
 
 

@@ -10,7 +10,7 @@ from tests.tiny_shot import write_tiny_shot
 from yesnt.io.records import Record
 from yesnt.planning.stages import RELIGHT
 from yesnt.report import write_report
-from yesnt.runtime.attempt import recorded
+from yesnt.runtime.driver.attempt import recorded
 from yesnt.runtime.session import Session
 
 DECOMPOSE = {"backend": "embedded", "samples": 2, "knobs": {"keyframe_step": 3, "steps": 1}}

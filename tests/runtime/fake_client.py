@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from yesnt.core.errors import ShortageError
-from yesnt.runtime import attempt as attempt_module
+from yesnt.runtime.driver import attempt as attempt_module
 
 WORKERS = ("tcp://10.0.0.1:1", "tcp://10.0.0.2:1", "tcp://10.0.0.3:1")
 

@@ -8,8 +8,8 @@ import pytest
 
 from yesnt.core.stage_id import StageId
 from yesnt.planning.graph import Node
-from yesnt.runtime.attempt import attempt
-from yesnt.runtime.packed import Packed
+from yesnt.runtime.driver.attempt import attempt
+from yesnt.runtime.driver.packed import Packed
 
 
 def test_sys_exit_inside_a_task_is_a_failure_of_the_task() -> None:

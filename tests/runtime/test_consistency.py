@@ -19,8 +19,8 @@ from tests.cases.shots import check, stored, write
 from yesnt.core.camera import Camera
 from yesnt.io.embedded_shot import SHOT
 from yesnt.io.mesh import read_proxy
-from yesnt.runtime.consistency.contradictions import _mend
-from yesnt.runtime.preflight import resolve
+from yesnt.runtime.checks.consistency.contradictions import _mend
+from yesnt.runtime.checks.preflight import resolve
 from yesnt.runtime.session import Session
 
 FRAME = 1008

@@ -22,13 +22,13 @@ from yesnt.io.lease import Lease
 from yesnt.io.output import DRIVER, OutputFolder
 from yesnt.io.process_identity import ProcessIdentity
 from yesnt.planning.stages import COMPOSITE, DECOMPOSE, RELIGHT
-from yesnt.runtime import submission as submission_module
-from yesnt.runtime.control import ask, open_output, skip
+from yesnt.runtime.control import submission as submission_module
+from yesnt.runtime.control.commands import ask, open_output, skip
+from yesnt.runtime.control.submission import VARIABLE, Submission, keep, note_end
+from yesnt.runtime.control.submit import SubmitOptions, submit_run
 from yesnt.runtime.run_log import EventStream, RunLog, open_run_log
 from yesnt.runtime.run_options import forget_with_users, parse_force, wanted_frames, wanted_order
 from yesnt.runtime.session import Session
-from yesnt.runtime.submission import VARIABLE, Submission, keep, note_end
-from yesnt.runtime.submit import SubmitOptions, submit_run
 
 
 @pytest.fixture

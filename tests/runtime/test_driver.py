@@ -14,10 +14,10 @@ from yesnt.core.errors import ClusterLostError, UsageError
 from yesnt.core.shot import GBufferInput, Job, LightInput, PlateInput, Shot
 from yesnt.io.records import RecordBook
 from yesnt.planning.graph import Graph, Node
-from yesnt.runtime.cluster import open_cluster
-from yesnt.runtime.driver import Driver, DriverSettings, Outcome
+from yesnt.runtime.cluster.open_cluster import open_cluster
+from yesnt.runtime.cluster.prepare_workers import prepare_plugin, prepare_workers
+from yesnt.runtime.driver.driver import Driver, DriverSettings, Outcome
 from yesnt.runtime.launchers.spec import ClusterSpec
-from yesnt.runtime.prepare_workers import prepare_plugin, prepare_workers
 
 pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning")  # Dask closes sockets of killed workers late
 
@@ -155,7 +155,7 @@ def test_remote_schedulers_need_tls() -> None:
 
 
 def test_a_scheduler_that_is_not_there_is_a_lost_cluster(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("yesnt.runtime.cluster.CONNECT_SECONDS", 1)
+    monkeypatch.setattr("yesnt.runtime.cluster.open_cluster.CONNECT_SECONDS", 1)
     with pytest.raises(ClusterLostError, match="does not answer"), open_cluster(ClusterSpec("tcp://127.0.0.1:9")):
         pass
 
@@ -270,7 +270,7 @@ class _LeavingWorkers:
 def test_a_worker_that_leaves_while_a_run_attaches_is_passed_over(
     monkeypatch: pytest.MonkeyPatch, error: Exception
 ) -> None:
-    monkeypatch.setattr("yesnt.runtime.prepare_workers.time.sleep", lambda seconds: None)
+    monkeypatch.setattr("yesnt.runtime.cluster.prepare_workers.time.sleep", lambda seconds: None)
     client = _LeavingWorkers(2, error)
     prepare_workers(client, prepare_plugin((), compiles=False))
     assert client.asked == [True, False, False], "workers that were passed over are asked again"
@@ -278,7 +278,7 @@ def test_a_worker_that_leaves_while_a_run_attaches_is_passed_over(
 
 def test_workers_that_never_stay_are_a_lost_cluster(monkeypatch: pytest.MonkeyPatch) -> None:
     pauses: list[float] = []
-    monkeypatch.setattr("yesnt.runtime.prepare_workers.time.sleep", pauses.append)
+    monkeypatch.setattr("yesnt.runtime.cluster.prepare_workers.time.sleep", pauses.append)
     with pytest.raises(ClusterLostError, match=r"cannot be prepared \(CommClosedError: closed\).*:8786.*run the same"):
         prepare_workers(_LeavingWorkers(100, CommClosedError("closed")), prepare_plugin((), compiles=False))
     assert sum(pauses) < 20
@@ -290,8 +290,8 @@ def test_workers_that_never_stay_are_a_lost_cluster(monkeypatch: pytest.MonkeyPa
 
 
 def test_a_run_waits_for_the_next_worker_and_says_so(job: Job, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("yesnt.runtime.scheduler_watch.HEARTBEAT_SECONDS", 0.0)
-    monkeypatch.setattr("yesnt.runtime.scheduler_watch.ALONE_SECONDS", 0.2)
+    monkeypatch.setattr("yesnt.runtime.driver.scheduler_watch.HEARTBEAT_SECONDS", 0.0)
+    monkeypatch.setattr("yesnt.runtime.driver.scheduler_watch.ALONE_SECONDS", 0.2)
     workers: dict[str, int] = {}
     waiting: list = []
 

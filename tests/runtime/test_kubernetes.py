@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from yesnt.core.errors import MissingPartError, UsageError
-from yesnt.runtime.cluster import dashboard_of, open_cluster
+from yesnt.runtime.cluster.open_cluster import dashboard_of, open_cluster
 from yesnt.runtime.launchers import kubernetes
 from yesnt.runtime.launchers.certificates import make_certificate
 from yesnt.runtime.launchers.manifests import NOT_PREEMPTIBLE, Manifest, manifests

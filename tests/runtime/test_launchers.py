@@ -20,8 +20,8 @@ from cryptography import x509
 from distributed import Client
 
 from yesnt.core.errors import ClusterLostError, MissingPartError, UsageError, YesntError
-from yesnt.runtime import drain
-from yesnt.runtime.cluster import open_cluster, tunnel_to
+from yesnt.runtime.cluster import drain
+from yesnt.runtime.cluster.open_cluster import open_cluster, tunnel_to
 from yesnt.runtime.launchers import allocation, slurm, slurm_commands, top_up
 from yesnt.runtime.launchers.certificates import Certificate, CertificateFiles, certificate_files, make_certificate
 from yesnt.runtime.launchers.local import LocalLauncher
@@ -240,7 +240,12 @@ def test_a_job_asks_for_what_its_workers_need(tmp_path: Path) -> None:
     ):  # fmt: skip
         assert line in text.splitlines(), line
     command = text.splitlines()[-1]
-    for part in ("-m yesnt.runtime.worker tls://h:1", "--resources CPU=1", "--nworkers 2", "--tls-key '/a b/k.pem'"):
+    for part in (
+        "-m yesnt.runtime.cluster.worker tls://h:1",
+        "--resources CPU=1",
+        "--nworkers 2",
+        "--tls-key '/a b/k.pem'",
+    ):
         assert part in command
     assert "--lifetime" not in command, "Dask's lifetime ends a worker while its task runs"
 

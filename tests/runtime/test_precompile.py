@@ -10,9 +10,9 @@ import time
 import pytest
 
 from yesnt.cli.text import compiling_line
-from yesnt.runtime import precompile, prepare_workers
-from yesnt.runtime.precompile import Precompilation, Unit, compile_missing
-from yesnt.runtime.prepare_workers import prepare_plugin
+from yesnt.runtime.cluster import precompile, prepare_workers
+from yesnt.runtime.cluster.precompile import Precompilation, Unit, compile_missing
+from yesnt.runtime.cluster.prepare_workers import prepare_plugin
 
 SIGNATURES = """
 import gc, json
@@ -35,7 +35,7 @@ def signatures(code: str) -> set[tuple[str, str]]:
 
 def test_tasks_find_every_kernel_compiled(tiny_shot):
     """With a warm cache both processes load the kernels that they call from Python, and no others."""
-    compile_all = "from yesnt.runtime.precompile import UNITS\nfor unit in UNITS: unit.compile()\n"
+    compile_all = "from yesnt.runtime.cluster.precompile import UNITS\nfor unit in UNITS: unit.compile()\n"
     tasks = "from pathlib import Path\nfrom tests.in_process import run_here\n"
     tasks += f"run_here(Path({str(tiny_shot)!r}), 'relight')\n"
     compiled, used = signatures(compile_all), signatures(tasks)

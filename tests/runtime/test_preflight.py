@@ -14,8 +14,8 @@ from yesnt.core.errors import JobError, YesntError
 from yesnt.io.exr import write_exr
 from yesnt.io.output import OutputFolder
 from yesnt.io.pictures.image import read_image
-from yesnt.runtime.input_checks import STORE_BYTES_PER_PIXEL, InputChecks, handles, inspect
-from yesnt.runtime.preflight import resolve
+from yesnt.runtime.checks.inputs import STORE_BYTES_PER_PIXEL, InputChecks, handles, inspect
+from yesnt.runtime.checks.preflight import resolve
 from yesnt.runtime.run_options import RunOptions
 from yesnt.runtime.session import Session
 from yesnt.temporal.flow import LEARNED

@@ -19,7 +19,7 @@ from yesnt.inspect.verify import verify
 from yesnt.io.pictures.image import read_image
 from yesnt.io.store import FrameStore
 from yesnt.planning.stages import COMPOSITE, DECOMPOSE, FLOW, RELIGHT
-from yesnt.runtime.cluster import open_cluster
+from yesnt.runtime.cluster.open_cluster import open_cluster
 from yesnt.runtime.launchers.spec import ClusterSpec
 from yesnt.runtime.run_options import RunOptions, RunResult
 from yesnt.runtime.session import Session

@@ -15,11 +15,11 @@ from yesnt.core.errors import UsageError
 from yesnt.core.frame_ranges import frame_ranges
 from yesnt.io.jobfile import parse_frames
 from yesnt.planning.stages import COMPOSITE, RELIGHT
-from yesnt.runtime import share as module
-from yesnt.runtime.open_job import MOST_TASKS, open_job_template
+from yesnt.runtime.control import share as module
+from yesnt.runtime.control.open_job import MOST_TASKS, open_job_template
+from yesnt.runtime.control.share import run_shared
 from yesnt.runtime.run_options import RunOptions
 from yesnt.runtime.session import Session
-from yesnt.runtime.share import run_shared
 from yesnt.tasks.run import run_node
 
 

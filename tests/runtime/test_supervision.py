@@ -18,14 +18,14 @@ from yesnt.io.commands import Command, own_name, send_command, take_commands
 from yesnt.io.lease import Lease
 from yesnt.io.records import RecordBook
 from yesnt.planning.graph import Graph, Node
-from yesnt.runtime import event_queue
-from yesnt.runtime import supervisor as supervisor_module
-from yesnt.runtime.driver import Driver, DriverSettings, Outcome
-from yesnt.runtime.event_queue import EventQueue
-from yesnt.runtime.host_failures import HostFailures
-from yesnt.runtime.packed import Packed
-from yesnt.runtime.shortages import Shortages
-from yesnt.runtime.supervisor import Supervisor, Watched
+from yesnt.runtime.driver import event_queue
+from yesnt.runtime.driver import supervisor as supervisor_module
+from yesnt.runtime.driver.driver import Driver, DriverSettings, Outcome
+from yesnt.runtime.driver.event_queue import EventQueue
+from yesnt.runtime.driver.host_failures import HostFailures
+from yesnt.runtime.driver.packed import Packed
+from yesnt.runtime.driver.shortages import Shortages
+from yesnt.runtime.driver.supervisor import Supervisor, Watched
 
 RUN, BY = "run-1", "ann@here"
 
@@ -180,7 +180,9 @@ def test_a_disk_that_is_nearly_full_pauses_the_run(bench: Bench, monkeypatch: py
 
 def test_pauses_between_attempts_grow_and_a_task_that_gave_something_back_ends_them(monkeypatch) -> None:
     now, told = [0.0], []
-    monkeypatch.setattr("yesnt.runtime.shortages.time", SimpleNamespace(monotonic=lambda: now[0], time=lambda: 0))
+    monkeypatch.setattr(
+        "yesnt.runtime.driver.shortages.time", SimpleNamespace(monotonic=lambda: now[0], time=lambda: 0)
+    )
     found = Shortages(told.append)
     found.met("a", "no licence")
     waits = []
@@ -202,7 +204,9 @@ def test_pauses_between_attempts_grow_and_a_task_that_gave_something_back_ends_t
 
 def test_a_shortage_that_lasts_is_told_again(monkeypatch) -> None:
     now, told = [0.0], []
-    monkeypatch.setattr("yesnt.runtime.shortages.time", SimpleNamespace(monotonic=lambda: now[0], time=lambda: 0))
+    monkeypatch.setattr(
+        "yesnt.runtime.driver.shortages.time", SimpleNamespace(monotonic=lambda: now[0], time=lambda: 0)
+    )
     found = Shortages(told.append)
     for now[0] in (0.0, 100.0, 601.0, 700.0):
         found.met("a", "no licence")

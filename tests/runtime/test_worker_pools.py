@@ -17,10 +17,10 @@ from yesnt.io.records import RecordBook
 from yesnt.planning.graph import Graph, Node
 from yesnt.planning.resources import needs_gpu, runs_on_gpu
 from yesnt.planning.task_records import RelightTask
-from yesnt.runtime import worker_pools
-from yesnt.runtime.driver import Driver, DriverSettings
-from yesnt.runtime.worker_pools import ANY, WorkerPools
-from yesnt.runtime.worker_settings import dask_settings
+from yesnt.runtime.cluster.worker_settings import dask_settings
+from yesnt.runtime.driver import worker_pools
+from yesnt.runtime.driver.driver import Driver, DriverSettings
+from yesnt.runtime.driver.worker_pools import ANY, WorkerPools
 
 CPU_WORKER, GPU_WORKER, PLAIN = {"CPU": 1.0}, {"GPU": 1.0}, {}
 STAGES = frozenset({"a"})

@@ -25,8 +25,8 @@ from yesnt.core.shot import Job
 from yesnt.io.jobfile import load_shot
 from yesnt.io.records import RecordBook
 from yesnt.planning.graph import Graph, Node
-from yesnt.runtime.cluster import open_cluster
-from yesnt.runtime.driver import Driver, DriverSettings
+from yesnt.runtime.cluster.open_cluster import open_cluster
+from yesnt.runtime.driver.driver import Driver, DriverSettings
 from yesnt.runtime.launchers.spec import ClusterSpec, read_cluster
 from yesnt.runtime.launchers.table import check_cluster, launcher_of
 
@@ -104,7 +104,9 @@ def until(condition: Callable[[], object], seconds: float) -> None:
 
 def worker_processes() -> list[psutil.Process]:
     """Workers proper: children of the nannies that our jobs started."""
-    nannies = [p for p in psutil.process_iter(["cmdline"]) if "yesnt.runtime.worker" in (p.info["cmdline"] or [])]
+    nannies = [
+        p for p in psutil.process_iter(["cmdline"]) if "yesnt.runtime.cluster.worker" in (p.info["cmdline"] or [])
+    ]
     children = [child for nanny in nannies for child in nanny.children()]
     return [child for child in children if "spawn_main" in " ".join(child.cmdline())]
 

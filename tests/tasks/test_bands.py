@@ -16,8 +16,8 @@ from yesnt.io.store import FrameStore
 from yesnt.planning.chunks import Extent, matte_extent, plan_chunks
 from yesnt.planning.graph import Graph
 from yesnt.planning.stages import SOLVE
-from yesnt.runtime.cluster import open_cluster
-from yesnt.runtime.driver import is_done
+from yesnt.runtime.cluster.open_cluster import open_cluster
+from yesnt.runtime.driver.driver import is_done
 from yesnt.runtime.launchers.spec import ClusterSpec
 from yesnt.runtime.run_options import RunOptions
 from yesnt.runtime.session import Session

@@ -9,7 +9,7 @@ import yaml
 
 from tests.in_process import run_here
 from yesnt.planning.stages import RELIGHT
-from yesnt.runtime.driver import is_done
+from yesnt.runtime.driver.driver import is_done
 
 
 def set_frames(job: Path, frames: str) -> None:

@@ -15,7 +15,7 @@ from yesnt.core.errors import JobError
 from yesnt.io.exr import write_exr
 from yesnt.io.store import FrameStore
 from yesnt.planning.stages import FLOW
-from yesnt.runtime.input_checks import InputChecks
+from yesnt.runtime.checks.inputs import InputChecks
 from yesnt.runtime.session import Session
 
 SIZE = (40, 32)

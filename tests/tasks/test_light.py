@@ -18,7 +18,7 @@ from yesnt.io.exr import write_exr
 from yesnt.io.pictures.image import read_image
 from yesnt.relight import EnvMap, GBuffer, shade
 from yesnt.relight.envmap import direction_to_uv, uv_to_direction
-from yesnt.runtime.input_checks import InputChecks
+from yesnt.runtime.checks.inputs import InputChecks
 from yesnt.runtime.session import Session
 
 ROWS = 16

@@ -17,7 +17,7 @@ from yesnt.io.output import OutputFolder
 from yesnt.io.store import FrameStore
 from yesnt.planning.graph import Node
 from yesnt.planning.stages import DECOMPOSE
-from yesnt.runtime.preflight import resolve
+from yesnt.runtime.checks.preflight import resolve
 from yesnt.runtime.session import Session
 from yesnt.tasks.clock import Clock
 from yesnt.tasks.run import run_node

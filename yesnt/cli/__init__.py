@@ -47,7 +47,7 @@ def repeat_lost_interrupt(lost: Any) -> None:
 
 
 def _exit_at_once(status: int) -> NoReturn:
-    from yesnt.runtime.stop_cluster import kill_children
+    from yesnt.runtime.cluster.stop_cluster import kill_children
 
     kill_children()
     sys.stdout.flush()

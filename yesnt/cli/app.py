@@ -58,7 +58,7 @@ def run(
     json: JsonOption = False,
 ) -> int:
     """Run a shot; what is done already is not done again."""
-    from yesnt.runtime.driver import DriverSettings
+    from yesnt.runtime.driver.driver import DriverSettings
     from yesnt.runtime.launchers.spec import read_cluster
     from yesnt.runtime.run_options import RunOptions
     from yesnt.runtime.session import Session

@@ -30,7 +30,7 @@ def submit(
     json: JsonOption = False,
 ) -> None:
     """Hand a run to a cluster and return at once; status, logs, pause, resume, cancel, skip look after it."""
-    from yesnt.runtime.submit import SubmitOptions, submit_run
+    from yesnt.runtime.control.submit import SubmitOptions, submit_run
 
     options = SubmitOptions(
         cluster, workers, insecure, frames, until, tuple(force or ()), priority, tuple(accept_license or ())
@@ -54,8 +54,8 @@ def export_openjd(
 
     from yesnt.io.durable import write_bytes
     from yesnt.io.jobfile import parse_frames
-    from yesnt.runtime.control import open_output
-    from yesnt.runtime.open_job import open_job_template
+    from yesnt.runtime.control.commands import open_output
+    from yesnt.runtime.control.open_job import open_job_template
 
     job, _ = open_output(shot)
     file = shot.absolute() / "shot.yaml" if shot.is_dir() else shot.absolute()
@@ -94,7 +94,7 @@ def skip(
 ) -> None:
     """Leave frames of a stage out so that all others finish; `retry` takes them in again."""
     from yesnt.core.frame_ranges import frame_ranges
-    from yesnt.runtime.control import skip as leave_out
+    from yesnt.runtime.control.commands import skip as leave_out
 
     run, chosen = leave_out(shot, frames, stage)
     if json:
@@ -116,7 +116,7 @@ def logs(
     from yesnt.core.errors import JobError
     from yesnt.inspect.logs import RunLines, frame_logs
     from yesnt.inspect.run_view import look
-    from yesnt.runtime.control import open_output
+    from yesnt.runtime.control.commands import open_output
 
     _, output = open_output(shot)
     if frame is not None:
@@ -136,7 +136,7 @@ def logs(
 
 
 def _ask(shot: Path, verb: str, json: bool, effect: str) -> None:
-    from yesnt.runtime.control import ask
+    from yesnt.runtime.control.commands import ask
 
     run = ask(shot, verb)
     if json:
@@ -153,8 +153,8 @@ def note_submission_end(status: int) -> None:
     from contextlib import suppress
 
     from yesnt.core.errors import YesntError
-    from yesnt.runtime.control import open_output
-    from yesnt.runtime.submission import note_end
+    from yesnt.runtime.control.commands import open_output
+    from yesnt.runtime.control.submission import note_end
 
     with suppress(YesntError, OSError, IndexError):
         note_end(open_output(Path(sys.argv[2]))[1], status)

@@ -31,7 +31,7 @@ def refuse_with_share(given: Mapping[str, object]) -> None:
 def drive_shared(session: Session, options: RunOptions, json: bool) -> int:
     """Runs and prints a line for each task; 3 if frames are missing."""
     from yesnt.cli.progress import LineProgress
-    from yesnt.runtime.share import run_shared
+    from yesnt.runtime.control.share import run_shared
 
     result = run_shared(session, options) if json else run_shared(session, options, LineProgress())
     missing = [{"stage": str(s), "frame": f, "why": why} for (s, f), why in result.missing.items()]

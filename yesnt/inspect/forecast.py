@@ -19,8 +19,8 @@ from yesnt.planning.chunks import ROUND
 from yesnt.planning.graph import Graph, Node
 from yesnt.planning.stages import STAGES
 from yesnt.planning.task_records import held_frames
+from yesnt.runtime.checks.inputs import handles
 from yesnt.runtime.clamps import clamp_lines
-from yesnt.runtime.input_checks import handles
 from yesnt.runtime.session import Session
 from yesnt.tasks.light import frame_map
 

@@ -11,7 +11,7 @@ from typing import Any
 from yesnt.inspect.status_memory import StatusMemory
 from yesnt.io.lease import LeaseState, Observer
 from yesnt.io.output import DRIVER, LOOK_SECONDS, OutputFolder
-from yesnt.runtime.submission import Submission, find_submission
+from yesnt.runtime.control.submission import Submission, find_submission
 
 ACTIVE = ("running", "paused", "silent")
 

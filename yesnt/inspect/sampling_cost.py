@@ -20,7 +20,7 @@ from yesnt.io.shot_inputs import read_matte
 from yesnt.planning import settings as of
 from yesnt.planning.graph import Graph, Node, NodeId
 from yesnt.planning.task_records import DecomposeTask
-from yesnt.runtime.input_checks import code_digest
+from yesnt.runtime.checks.inputs import code_digest
 from yesnt.runtime.session import Session
 
 TYPICAL_SHARE = {"full": 0.35, "between": 0.1}

@@ -9,7 +9,7 @@ from typing import Any
 
 from yesnt.inspect.run_view import look
 from yesnt.planning.frame_grid import DEAD, FrameGrid
-from yesnt.runtime.driver import Driver
+from yesnt.runtime.driver.driver import Driver
 from yesnt.runtime.session import Session
 from yesnt.tasks.run import run_node
 

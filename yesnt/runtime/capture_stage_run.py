@@ -14,8 +14,8 @@ from yesnt.capture_stage.tools import Tools
 from yesnt.io.records import Record, RecordBook
 from yesnt.planning.graph import Node
 from yesnt.planning.task_records import RenderTask
-from yesnt.runtime.cluster import address_of, dashboard_of, open_cluster
-from yesnt.runtime.driver import Driver, DriverSettings, Outcome
+from yesnt.runtime.cluster.open_cluster import address_of, dashboard_of, open_cluster
+from yesnt.runtime.driver.driver import Driver, DriverSettings, Outcome
 from yesnt.runtime.launchers.spec import ClusterSpec
 from yesnt.runtime.launchers.table import check_cluster
 from yesnt.tasks.memory import peak_bytes

@@ -12,7 +12,7 @@ from yesnt.io.jobfile import frames_in_order
 from yesnt.io.records import RecordBook
 from yesnt.planning.graph import Graph, NodeId
 from yesnt.planning.stages import STAGES
-from yesnt.runtime.driver import DriverSettings, Outcome
+from yesnt.runtime.driver.driver import DriverSettings, Outcome
 from yesnt.runtime.launchers.spec import ClusterSpec
 
 

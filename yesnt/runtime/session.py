@@ -28,14 +28,16 @@ from yesnt.planning.graph import Graph, NodeId
 from yesnt.planning.resources import needs_gpu, runs_on_gpu
 from yesnt.planning.shot_plan import ShotPlan
 from yesnt.planning.stages import STAGES
+from yesnt.runtime.checks.inputs import InputChecks
+from yesnt.runtime.checks.preflight import Resolved, resolve
 from yesnt.runtime.clamps import clamp_lines
-from yesnt.runtime.driver import Driver, Outcome, is_done
-from yesnt.runtime.input_checks import InputChecks
+from yesnt.runtime.cluster.lazy_cluster import LazyCluster
+from yesnt.runtime.control.submission import submission_of_this_process
+from yesnt.runtime.driver.driver import Driver, Outcome, is_done
+from yesnt.runtime.driver.supervisor import Supervisor, Watched
 from yesnt.runtime.launchers.spec import ClusterSpec
 from yesnt.runtime.launchers.table import check_cluster, launcher_of
-from yesnt.runtime.lazy_cluster import LazyCluster
 from yesnt.runtime.live_grid import LiveGrid
-from yesnt.runtime.preflight import Resolved, resolve
 from yesnt.runtime.run_log import RunLog, open_run_log
 from yesnt.runtime.run_options import (
     Forced,
@@ -47,8 +49,6 @@ from yesnt.runtime.run_options import (
     wanted_frames,
     wanted_order,
 )
-from yesnt.runtime.submission import submission_of_this_process
-from yesnt.runtime.supervisor import Supervisor, Watched
 from yesnt.runtime.sweep import sweep_transients
 from yesnt.tasks.run import run_node, worker_modules
 from yesnt.workflows.shot import shot_graph

@@ -7,7 +7,7 @@ import shutil
 from yesnt.io.output import OutputFolder
 from yesnt.planning.graph import Graph
 from yesnt.planning.stages import FORMER_ARRAYS, STAGES
-from yesnt.runtime.driver import Records, is_done
+from yesnt.runtime.driver.driver import Records, is_done
 
 
 def sweep_transients(graph: Graph, records: Records, output: OutputFolder) -> None:

@@ -26,11 +26,11 @@ from yesnt.measure.evaluation.summary import summarise
 from yesnt.measure.evaluation.table import as_markdown
 from yesnt.measure.evaluation.tasks import run_evaluation_node
 from yesnt.planning.graph import Graph, NodeId
-from yesnt.runtime.cluster import open_cluster
-from yesnt.runtime.driver import Driver
+from yesnt.runtime.cluster.open_cluster import open_cluster
+from yesnt.runtime.cluster.precompile import Precompilation
+from yesnt.runtime.driver.driver import Driver
 from yesnt.runtime.launchers.spec import read_cluster
 from yesnt.runtime.launchers.table import check_cluster
-from yesnt.runtime.precompile import Precompilation
 from yesnt.runtime.session import Session
 from yesnt.workflows.evaluate import ablation_graph, constants_graph, evaluation_graph
 

@@ -10,9 +10,9 @@ from functools import cached_property
 from typing import Any
 
 from yesnt.core.errors import MissingPartError
+from yesnt.runtime.cluster.worker_settings import WORKER_ENVIRONMENT
 from yesnt.runtime.launchers.spec import ClusterSpec
 from yesnt.runtime.launchers.table import CPU, GPU, Running
-from yesnt.runtime.worker_settings import WORKER_ENVIRONMENT
 
 
 class LocalLauncher:

@@ -6,15 +6,15 @@ import os
 from collections.abc import Mapping
 from typing import Any
 
+from yesnt.runtime.cluster.worker_settings import WORKER_ENVIRONMENT
 from yesnt.runtime.launchers.certificates import Certificate
 from yesnt.runtime.launchers.profile import Kubernetes, Volume
 from yesnt.runtime.launchers.table import CPU, GPU
 from yesnt.runtime.launchers.worker_command import WORKER_MODULE, WorkerGroup, certificate_options, worker_options
-from yesnt.runtime.worker_settings import WORKER_ENVIRONMENT
 
 Manifest = dict[str, Any]
 
-SCHEDULER_MODULE = "yesnt.runtime.scheduler"
+SCHEDULER_MODULE = "yesnt.runtime.cluster.scheduler"
 PORT, DASHBOARD_PORT = 8786, 8787
 TLS_FOLDER = "/run/yesnt-tls"
 TLS_MODE = 0o440

@@ -15,6 +15,7 @@ from dataclasses import asdict
 from typing import Any
 
 from yesnt.core.errors import UsageError
+from yesnt.runtime.cluster.worker import FROM_STDIN
 from yesnt.runtime.launchers.certificates import Certificate, CertificateFiles
 from yesnt.runtime.launchers.processes import Processes
 from yesnt.runtime.launchers.profile import Ssh
@@ -28,7 +29,6 @@ from yesnt.runtime.launchers.worker_command import (
     set_up_lines,
     worker_options,
 )
-from yesnt.runtime.worker import FROM_STDIN
 
 
 class SshLauncher:

@@ -8,11 +8,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from yesnt.runtime.drain import DRAIN_AT
+from yesnt.runtime.cluster.drain import DRAIN_AT
+from yesnt.runtime.cluster.worker_settings import WORKER_ENVIRONMENT
 from yesnt.runtime.launchers.profile import Started
-from yesnt.runtime.worker_settings import WORKER_ENVIRONMENT
 
-WORKER_MODULE = "yesnt.runtime.worker"
+WORKER_MODULE = "yesnt.runtime.cluster.worker"
 
 DEATH_SECONDS = 90
 """A worker that has lost the scheduler for this long ends, so that nothing is left of a driver that was killed."""
@@ -40,7 +40,7 @@ def worker_options(profile: Started, group: WorkerGroup) -> list[str]:
     options = [
         "--name", group.name, "--nworkers", str(group.processes), "--nthreads", "1", "--nanny",
         "--memory-limit", str(group.memory), "--resources", f"{group.pool}=1", "--protocol", "tls://",
-        "--death-timeout", str(DEATH_SECONDS), "--no-dashboard", "--preload", "yesnt.runtime.drain",
+        "--death-timeout", str(DEATH_SECONDS), "--no-dashboard", "--preload", "yesnt.runtime.cluster.drain",
     ]  # fmt: skip
     if profile.interface:
         options += ["--interface", profile.interface]

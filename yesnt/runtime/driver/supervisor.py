@@ -12,8 +12,8 @@ from typing import Any
 from yesnt.core.errors import RunCancelledError
 from yesnt.io.commands import Command, take_commands
 from yesnt.io.lease import Lease
-from yesnt.runtime.host_failures import HostFailures
-from yesnt.runtime.shortages import Shortages
+from yesnt.runtime.driver.host_failures import HostFailures
+from yesnt.runtime.driver.shortages import Shortages
 
 Listener = Callable[[Mapping[str, Any]], None]
 

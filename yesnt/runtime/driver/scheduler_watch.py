@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection
 from typing import TYPE_CHECKING, Any
 
 from yesnt.core.errors import ClusterLostError
-from yesnt.runtime.worker_pools import WorkerPools
+from yesnt.runtime.driver.worker_pools import WorkerPools
 
 if TYPE_CHECKING:
     from distributed import Client

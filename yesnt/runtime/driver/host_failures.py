@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable
 
 from yesnt.planning.graph import NodeId
-from yesnt.runtime.scheduler_watch import host_of
+from yesnt.runtime.driver.scheduler_watch import host_of
 
 DISTINCT_FRAMES = 3
 """A host is blocked when so many different tasks in a row have failed on it, with none that succeeded between."""

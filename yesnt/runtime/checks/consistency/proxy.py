@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from yesnt.core.camera_axes import UNITS
 from yesnt.relight import ProxyScene
-from yesnt.runtime.consistency.sample import Sample
+from yesnt.runtime.checks.consistency.sample import Sample
 
 F64 = NDArray[np.float64]
 

@@ -9,11 +9,11 @@ from contextlib import ExitStack
 from typing import Any
 
 from yesnt.core.errors import RunCancelledError
-from yesnt.runtime.cluster import address_of, dashboard_of, open_cluster, tunnel_to, warm_up
+from yesnt.runtime.cluster.open_cluster import address_of, dashboard_of, open_cluster, tunnel_to, warm_up
+from yesnt.runtime.cluster.precompile import Precompilation
+from yesnt.runtime.cluster.stop_cluster import stop_now
 from yesnt.runtime.launchers.spec import ClusterSpec
 from yesnt.runtime.live_grid import frame_grid_of
-from yesnt.runtime.precompile import Precompilation
-from yesnt.runtime.stop_cluster import stop_now
 
 Listener = Callable[[Mapping[str, Any]], None]
 

@@ -1,7 +1,7 @@
-"""`python -m yesnt.runtime.worker`: `dask worker` with the product's settings, as launchers start it on other machines.
+"""`python -m yesnt.runtime.cluster.worker`: `dask worker` with the product's settings.
 
-With `--certificates-from-stdin` as its first argument, it reads a certificate and key from its standard input, and ends
-when that is closed: over SSH, workers end with the connection.
+Launchers start it so on other machines. With `--certificates-from-stdin` as its first argument, it reads a certificate
+and key from its standard input, and ends when that is closed: over SSH, workers end with the connection.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import threading
 from contextlib import ExitStack
 from pathlib import Path
 
-from yesnt.runtime.worker_settings import WORKER_ENVIRONMENT, dask_settings
+from yesnt.runtime.cluster.worker_settings import WORKER_ENVIRONMENT, dask_settings
 
 FROM_STDIN = "--certificates-from-stdin"
 

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from yesnt.core import camera as camera_module
 from yesnt.core.camera import Camera
 from yesnt.core.job_progress import Progress, no_progress
 from yesnt.core.material_input import MATERIAL
@@ -37,12 +38,12 @@ from yesnt.io.pictures.placed import check_fits
 from yesnt.io.pictures.shot_raster import shot_camera
 from yesnt.io.preview import has_video
 from yesnt.io.records import digest_of
-from yesnt.runtime.capture_checks import CaptureChecks
-from yesnt.runtime.consistency.coded import refuse_coded_alpha
-from yesnt.runtime.consistency.contradictions import contradictions
-from yesnt.runtime.correction_checks import CorrectionChecks, correction_facts, corrections_of
-from yesnt.runtime.light_checks import light_warnings
-from yesnt.runtime.preflight import READERS, Resolved
+from yesnt.runtime.checks.capture import CaptureChecks
+from yesnt.runtime.checks.consistency.coded import refuse_coded_alpha
+from yesnt.runtime.checks.consistency.contradictions import contradictions
+from yesnt.runtime.checks.corrections import CorrectionChecks, correction_facts, corrections_of
+from yesnt.runtime.checks.light import light_warnings
+from yesnt.runtime.checks.preflight import READERS, Resolved
 
 STORE_BYTES_PER_PIXEL = 80
 """All arrays of the store and the EXR of one frame, before compression."""
@@ -193,7 +194,7 @@ class InputChecks:
         return contradictions(found, self._job.shot.gbuffer.path)
 
     def _measure(self, frame: int) -> dict[str, Any]:
-        from yesnt.runtime.consistency.measure import measure_frame  # imports Numba's kernels
+        from yesnt.runtime.checks.consistency.measure import measure_frame  # imports Numba's kernels
 
         return measure_frame(self._job, frame, self._camera)
 
@@ -293,9 +294,9 @@ def _uncovered(matte: NDArray[np.float32], uncovered: NDArray[np.float32]) -> in
 def code_digest() -> str:
     """Digest of the modules that read and check inputs: after a change of theirs nothing is taken from memory."""
     digest = hashlib.blake2b(digest_size=16)
-    here = Path(__file__).parent
-    readers, cameras = Path(shot_inputs.__file__).parent.rglob("*.py"), (here.parent / "core").glob("*.py")
-    for module in sorted([*readers, *cameras, *(here / "consistency").glob("*.py"), Path(__file__)]):
+    cameras = Path(camera_module.__file__).parent.glob("*.py")
+    readers, checks = Path(shot_inputs.__file__).parent.rglob("*.py"), Path(__file__).parent.rglob("*.py")
+    for module in sorted([*readers, *cameras, *checks]):
         digest.update(module.read_bytes())
     return digest.hexdigest()
 

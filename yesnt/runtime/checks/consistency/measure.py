@@ -12,9 +12,9 @@ from yesnt.core.shot import GBufferInput, Job
 from yesnt.io import shot_inputs
 from yesnt.io.mesh import read_proxy
 from yesnt.relight import EnvMap, ProxyScene
-from yesnt.runtime.consistency import exposure, proxy
-from yesnt.runtime.consistency.geometry import agreement, hypotheses, ray_share, steepness
-from yesnt.runtime.consistency.sample import GOOD, LEAST, SLOPES, Sample, take_sample
+from yesnt.runtime.checks.consistency import exposure, proxy
+from yesnt.runtime.checks.consistency.geometry import agreement, hypotheses, ray_share, steepness
+from yesnt.runtime.checks.consistency.sample import GOOD, LEAST, SLOPES, Sample, take_sample
 from yesnt.tasks.light import frame_map
 
 

@@ -18,13 +18,13 @@ from yesnt.core.stage_id import StageId
 from yesnt.io.durable import is_full
 from yesnt.io.records import RecordBook
 from yesnt.planning.graph import Graph, Node, NodeId
-from yesnt.runtime.attempt import attempt, recorded, worker_of
-from yesnt.runtime.event_queue import FLUSH_SECONDS, EventQueue, Receipt
-from yesnt.runtime.packed import Packed
-from yesnt.runtime.scheduler_watch import SchedulerWatch, lost, no_worker_errors, received, without_workers
-from yesnt.runtime.start_order import ReadyNodes
-from yesnt.runtime.supervisor import Supervisor
-from yesnt.runtime.worker_pools import WorkerPools
+from yesnt.runtime.driver.attempt import attempt, recorded, worker_of
+from yesnt.runtime.driver.event_queue import FLUSH_SECONDS, EventQueue, Receipt
+from yesnt.runtime.driver.packed import Packed
+from yesnt.runtime.driver.scheduler_watch import SchedulerWatch, lost, no_worker_errors, received, without_workers
+from yesnt.runtime.driver.start_order import ReadyNodes
+from yesnt.runtime.driver.supervisor import Supervisor
+from yesnt.runtime.driver.worker_pools import WorkerPools
 
 if TYPE_CHECKING:
     from distributed import Client

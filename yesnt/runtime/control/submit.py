@@ -9,13 +9,20 @@ from yesnt.core.errors import UsageError
 from yesnt.core.shot import Shot
 from yesnt.io.jobfile import parse_frames
 from yesnt.io.output import OutputFolder
-from yesnt.runtime.control import open_output
+from yesnt.runtime.control.commands import open_output
+from yesnt.runtime.control.submission import (
+    Submission,
+    driver_command,
+    keep,
+    made_now,
+    new_submission_id,
+    start_detached,
+)
 from yesnt.runtime.launchers.allocation import submission_script
 from yesnt.runtime.launchers.slurm_commands import require_command, submit
 from yesnt.runtime.launchers.spec import ClusterSpec, read_cluster
 from yesnt.runtime.launchers.table import check_cluster
 from yesnt.runtime.run_options import check_stage
-from yesnt.runtime.submission import Submission, driver_command, keep, made_now, new_submission_id, start_detached
 
 SLURM = "slurm"
 """Kind of cluster whose drivers are jobs of its own; those of all others are processes of this machine."""

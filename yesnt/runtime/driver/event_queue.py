@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from yesnt.planning.graph import Node
-from yesnt.runtime.scheduler_watch import GATHER_SECONDS, LOSS_SECONDS, lost
+from yesnt.runtime.driver.scheduler_watch import GATHER_SECONDS, LOSS_SECONDS, lost
 
 FLUSH_SECONDS = 0.25
 """Events are passed on this often. A receipt costs a round trip through the scheduler; a batch of them costs one."""

@@ -140,6 +140,6 @@ def _start_compiler() -> subprocess.Popen[bytes]:
 
     Its error output is dropped: the task that lacks a kernel compiles it again and records the error.
     """
-    code = f"import sys; sys.path[:] = {sys.path!r}; from yesnt.runtime.precompile import compile_missing as c; c()"
+    code = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import compile_missing as c; c()"
     environment = {**os.environ, "NUMBA_NUM_THREADS": "1"}
     return subprocess.Popen([sys.executable, "-c", code], env=environment, stderr=subprocess.DEVNULL)

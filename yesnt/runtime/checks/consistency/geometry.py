@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.core.shot import GBufferInput
-from yesnt.runtime.consistency.sample import LEAST, Sample
+from yesnt.runtime.checks.consistency.sample import LEAST, Sample
 
 F64 = NDArray[np.float64]
 

@@ -1,10 +1,10 @@
-"""`python -m yesnt.runtime.scheduler`: `dask scheduler` with the product's settings, as pods run it."""
+"""`python -m yesnt.runtime.cluster.scheduler`: `dask scheduler` with the product's settings, as pods run it."""
 
 from __future__ import annotations
 
 import sys
 
-from yesnt.runtime.worker_settings import dask_settings
+from yesnt.runtime.cluster.worker_settings import dask_settings
 
 
 def main(arguments: list[str]) -> None:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from yesnt.core.color import luminance
 from yesnt.relight.envmap import EnvMap, cell_moments
 from yesnt.relight.harmonics import BANDS, basis
-from yesnt.runtime.consistency.sample import Sample
+from yesnt.runtime.checks.consistency.sample import Sample
 
 F64 = NDArray[np.float64]
 

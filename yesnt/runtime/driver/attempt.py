@@ -8,7 +8,7 @@ from typing import Any
 
 from yesnt.io.records import RecordBook
 from yesnt.planning.graph import Node
-from yesnt.runtime.packed import Packed
+from yesnt.runtime.driver.packed import Packed
 
 _WORKER = "yesnt_worker"
 

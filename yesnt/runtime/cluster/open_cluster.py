@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from yesnt.core.errors import ClusterLostError, RunCancelledError
+from yesnt.runtime.cluster.prepare_workers import prepare_plugin, prepare_workers
+from yesnt.runtime.cluster.stop_cluster import children_without_interrupt, start_quiet_tracker, stop_now
+from yesnt.runtime.cluster.worker_settings import CONNECT_SECONDS, WORKER_ENVIRONMENT, dask_settings
 from yesnt.runtime.launchers.local import restore_environment
 from yesnt.runtime.launchers.spec import ClusterSpec
 from yesnt.runtime.launchers.table import Running, launched
-from yesnt.runtime.prepare_workers import prepare_plugin, prepare_workers
-from yesnt.runtime.stop_cluster import children_without_interrupt, start_quiet_tracker, stop_now
-from yesnt.runtime.worker_settings import CONNECT_SECONDS, WORKER_ENVIRONMENT, dask_settings
 
 if TYPE_CHECKING:
     from distributed import Client

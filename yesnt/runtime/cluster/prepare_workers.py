@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from yesnt.core.errors import ClusterLostError
 from yesnt.core.threads import THREAD_VARIABLES, pin_threads
-from yesnt.runtime.precompile import compile_missing
+from yesnt.runtime.cluster.precompile import compile_missing
 
 if TYPE_CHECKING:
     from distributed import Client

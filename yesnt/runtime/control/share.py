@@ -13,7 +13,7 @@ from yesnt.core.errors import YesntError
 from yesnt.io.lease import Observer, take_lease
 from yesnt.io.store import FrameStore
 from yesnt.planning.graph import Graph, Node, NodeId
-from yesnt.runtime.driver import is_done
+from yesnt.runtime.driver.driver import is_done
 from yesnt.runtime.run_options import RunOptions, RunResult
 from yesnt.runtime.session import Missing, Session
 from yesnt.tasks.run import run_node

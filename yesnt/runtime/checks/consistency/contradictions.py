@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from yesnt.core.errors import JobError
-from yesnt.runtime.consistency.sample import GOOD, SLOPES
+from yesnt.runtime.checks.consistency.sample import GOOD, SLOPES
 
 Facts = Mapping[str, Any]
 

@@ -1,0 +1,1 @@
+"""Checks of a job and its inputs before any work."""

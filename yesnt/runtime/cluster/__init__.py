@@ -1,0 +1,1 @@
+"""Opens a run's cluster, prepares its workers, and ends it."""

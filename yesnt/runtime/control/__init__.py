@@ -1,0 +1,1 @@
+"""Submits runs and looks after them from outside."""

@@ -47,7 +47,11 @@ EVALUATION_TASKS = (
 )
 """Modules of the evaluation that run on workers; they know nothing of drivers and sessions."""
 
+CAPTURE_KERNELS = ("carving", "hull", "volume")
+"""Modules of capture/ that are pure functions of arrays."""
+
 MODULES = {
+    **{f"capture.{name}": "kernels" for name in CAPTURE_KERNELS},
     **{f"decompose.{name}": "networks" for name in NETWORKS},
     **{f"measure.evaluation.{name}": "tasks" for name in EVALUATION_TASKS},
     "temporal.spynet": "networks",

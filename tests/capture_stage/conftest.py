@@ -60,7 +60,7 @@ class Scene:
         }  # fmt: skip
         request = {
             "subject": subject, "width": SIZE, "height": SIZE, "fx": FOCAL, "samples": self.samples, "threads": 1,
-            "proxy_triangles": 500,
+            "proxy_triangles": 500, "truth": True,
             "frames": [
                 {"frame": i, "shape": min(i, len(self.shapes) - 1), "world_from_camera": p.tolist()}
                 for i, p in enumerate(self.poses)

@@ -32,7 +32,7 @@ def main():
         if done >= limit:
             sys.stderr.write("out of luck\n")
             sys.exit(7)
-        if render["what"] == "proxy":
+        if render["what"] in ("proxy", "mesh"):
             Path(render["out"]).write_bytes(b"ply\n")
         else:
             header = {"type": OpenEXR.scanlineimage}

@@ -12,6 +12,7 @@ from yesnt.capture_stage.jobs import CAPTURE, SETS, RenderJob, render_jobs
 from yesnt.capture_stage.subjects import SUBJECTS, Human, Model, Shape
 from yesnt.capture_stage.tools import BLENDER_VARIABLE, find_tools
 from yesnt.core.errors import MissingPartError, UsageError
+from yesnt.decompose.settings import keyframe_after
 
 
 def test_objects_are_ten_by_eleven():
@@ -31,19 +32,52 @@ def test_sequences_are_three_by_twenty_four_by_three():
     assert all(len(job.lights) == 1 + 3 for job in jobs)
 
 
-def test_rings_hold_24_cameras_that_see_the_subject_from_all_sides():
-    jobs = [job for job in render_jobs("multiview") if job.subject == "boxer"]
-    positions = np.array([job.pose(frame)[:3, 3] for job in jobs for frame in job.frames])
-    assert len(positions) == 24
-    azimuths = np.sort(np.degrees(np.arctan2(positions[:, 1], positions[:, 0])) % 360)
-    assert np.allclose(np.diff(azimuths), 15)
-    held_out = [job.pose(frame)[:3, 3] for job in render_jobs("heldout") for frame in job.frames]
-    assert min(np.linalg.norm(p - q) for p in positions for q in held_out) > 0.2
+def test_a_capture_surrounds_the_subject_and_what_is_held_out_stands_between():
+    job = next(job for job in render_jobs("multiview_capture") if job.subject == "boxer")
+    rig = SETS["multiview_capture"].rig
+    assert (len(rig.cameras), len(rig.held_out_cameras)) == (24, 6)
+    assert [elevation for _, elevation in rig.cameras.values()] == [10] * 12 + [45] * 6 + [-25] * 6
+    places = np.array([job.camera_pose(name)[:3, 3] for name in rig.cameras])
+    azimuths = np.sort(np.degrees(np.arctan2(places[:12, 1], places[:12, 0])) % 360)
+    assert np.allclose(np.diff(azimuths), 30)
+    held_out = [job.camera_pose(name)[:3, 3] for name in rig.held_out_cameras]
+    assert min(np.linalg.norm(p - q) for p in places for q in held_out) > 0.2
+
+
+@pytest.mark.parametrize(("name", "count"), [("objects", 16), ("smooth", 16), ("sequences", 12), ("embedded", 8)])
+def test_captures_have_cameras_at_three_elevations_and_look_at_the_subject(name, count):
+    jobs, rig = render_jobs(f"{name}_capture"), SETS[f"{name}_capture"].rig
+    assert {len(job.cameras) for job in jobs} == {len(rig.cameras)} == {count}
+    assert len({elevation for _, elevation in rig.cameras.values()}) == 3
+    assert {job.subject for job in jobs} == set(SETS[name].subjects)
+    pose, middle = jobs[0].camera_pose("c00"), np.array([0, 0, SUBJECTS[jobs[0].subject].middle])
+    assert np.allclose(np.cross(pose[:3, 2], middle - pose[:3, 3]), 0)
+
+
+@pytest.mark.parametrize("name", ["embedded", "sequences"])
+def test_a_capture_has_every_frame_that_its_job_file_measures(name):
+    stage_set, rig = SETS[name], SETS[f"{name}_capture"].rig
+    first, last = stage_set.frames
+    length = last - first + 1
+    assert {first + keyframe_after(i, length, rig.every) for i in range(length)} <= set(rig.frames)
+
+
+def test_a_subject_that_stands_still_is_rendered_once():
+    frames = {job.subject: 0 for job in render_jobs("multiview_capture")}
+    for job in render_jobs("multiview_capture"):
+        frames[job.subject] += len(job.frames)
+    assert frames == {"boxer": 4, "vase": 1, "fox": 4}
+
+
+def test_keys_of_rendered_sets_stay():
+    """A set is an hour of rendering: its keys change on purpose only."""
+    known = {"objects": "2489308d7e53f380", "sequences": "cd65098a93edb60c", "embedded": "3bbc6e59080319a2"}
+    assert {name: render_jobs(name)[0].key[:16] for name in known} == known
 
 
 def test_the_embedded_shot_is_in_no_set_that_is_evaluated():
     embedded = set(SETS["embedded"].subjects)
-    assert all(embedded.isdisjoint(s.subjects) for name, s in SETS.items() if name != "embedded")
+    assert all(embedded.isdisjoint(s.subjects) for name, s in SETS.items() if not name.startswith("embedded"))
 
 
 def test_small_objects_need_nothing_fetched():

@@ -1,6 +1,15 @@
 import numpy as np
+import pytest
 
-from yesnt.capture_stage.procedural_maps import OWN_MAPS, SUN_DIRECTION, directions, reduce_by_two, write_map
+from yesnt.capture_stage.procedural_maps import (
+    OWN_MAPS,
+    SMOOTH_RADIANCE,
+    SUN_DIRECTION,
+    directions,
+    reduce_by_two,
+    smooth,
+    write_map,
+)
 from yesnt.io.pictures.image import read_image
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
@@ -47,3 +56,14 @@ def test_values_beyond_half_are_written_as_float(tmp_path):
     radiance[1, 2] = 70000.0
     write_map(tmp_path / "bright.exr", radiance)
     assert read_image(tmp_path / "bright.exr").stack("RGB")[1, 2, 0] == 70000.0
+
+
+def test_the_smooth_light_is_of_low_order_and_within_its_range():
+    radiance = smooth()[..., 0].astype(float)
+    assert (radiance.min(), radiance.max()) == pytest.approx(SMOOTH_RADIANCE)
+    d = directions(*radiance.shape)
+    x, y, z = np.moveaxis(d, -1, 0)
+    powers = [x**i * y**j * z**k for i in range(4) for j in range(4) for k in range(2) if i + j + k <= 3]
+    terms = np.stack([p.ravel() for p in powers], axis=-1)  # polynomials to degree 3 on the sphere
+    left = radiance.ravel() - terms @ np.linalg.lstsq(terms, radiance.ravel(), rcond=None)[0]
+    assert np.abs(left).max() < 1e-5

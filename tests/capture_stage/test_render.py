@@ -1,5 +1,6 @@
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,14 @@ from yesnt.capture_stage.shotfiles import shot_folder
 from yesnt.capture_stage.tools import Tools, run_anny
 from yesnt.core.camera import Camera
 from yesnt.core.errors import JobError, MissingPartError, YesntError
+from yesnt.io.cameras import read_cameras
 from yesnt.io.jobfile import load_shot
 from yesnt.io.pictures.image import read_image
+from yesnt.runtime.launchers.spec import ClusterSpec
+from yesnt.runtime.run_options import RunOptions
+from yesnt.runtime.session import Session
 
+SETS_WITH_CAPTURE = ("objects", "objects_capture")
 PER_JOB = 1 + 1 + 3  # geometry, proxy, three lights
 
 
@@ -116,6 +122,31 @@ def test_the_reference_completes_a_shot_and_needs_it(fake, tmp_path):
     assert find_receipt(job, tmp_path / "out") is not None
 
 
+def test_a_capture_completes_a_shot_with_a_job_that_is_measured(fake, tmp_path, counter):
+    shot, job = (render(render_jobs(name, small=True)[0], tmp_path / "out", fake) for name in SETS_WITH_CAPTURE)
+    assert job.folder == shot.folder
+    folder, names = Path(job.folder), [f"c{i:02d}" for i in range(16)]
+    pictures = {f"capture/{name}/plate.1001.exr" for name in names}
+    assert set(job.files) == {*pictures, "cameras.json", "measured.yaml"}
+    measured, plain = (load_shot(folder / name) for name in ("measured.yaml", "shot.yaml"))
+    assert measured.captured.images == "capture/{camera}/plate.####.exr"
+    assert measured.model_dump() | {"capture": None, "output": "out"} == plain.model_dump()
+    cameras = read_cameras(folder / "cameras.json")
+    assert list(cameras) == names
+    assert read_image(folder / "capture" / "c03" / "plate.1001.exr").channels["R"].shape == (64, 64)
+    assert render(render_jobs("objects_capture", small=True)[0], tmp_path / "out", fake).rendered == 0
+
+
+def test_held_out_cameras_have_geometry_and_the_true_surface_is_written(fake, tmp_path, monkeypatch):
+    job = replace(render_jobs("multiview_capture")[4], width=64, height=64)  # the vase needs nothing but Blender
+    receipt = render(job, tmp_path / "out", fake)
+    held_out = {f"heldout/h0{i}/{what}.1001.exr" for i in range(6) for what in ("plate", "gbuffer")}
+    pictures = {f"capture/c{i:02d}/plate.1001.exr" for i in range(24)}
+    static = {"cameras.json", "heldout.json", "measured.yaml", "truth/mesh.1001.ply"}
+    assert set(receipt.files) == held_out | pictures | static
+    assert set(read_cameras(Path(receipt.folder) / "heldout.json")) == {f"h0{i}" for i in range(6)}
+
+
 def test_colours_are_carried_outwards():
     color = np.zeros((3, 5, 3), dtype=np.float32)
     color[:, 1], color[:, 3] = 0.25, 0.75
@@ -130,6 +161,19 @@ def test_colours_are_carried_outwards():
 def test_without_anny_the_error_says_how_to_get_it(fake, tmp_path):
     with pytest.raises(MissingPartError, match="make blender"):
         run_anny(fake, [], tmp_path)
+
+
+@pytest.mark.blender
+def test_a_rendered_capture_measures_its_shot(tools, tmp_path):
+    shot, _ = (render(render_jobs(name, small=True)[0], tmp_path, tools) for name in SETS_WITH_CAPTURE)
+    resolved = Session(Path(shot.folder) / "measured.yaml").resolved
+    assert len(resolved.capture.views[1001]) == 12
+    session = Session(Path(shot.folder) / "measured.yaml")
+    result = session.run(RunOptions(ClusterSpec("local", workers=1)))
+    assert not result.missing
+    facts = session.book.find("evidence", 1001).facts
+    assert facts["left_out"] == {}
+    assert facts["views"] > 3
 
 
 @pytest.mark.blender

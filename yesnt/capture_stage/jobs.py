@@ -10,10 +10,10 @@ from functools import cached_property
 from types import MappingProxyType
 from typing import Any
 
-import numpy as np
-
-from yesnt.capture_stage.cameras import Matrix, look_at
-from yesnt.capture_stage.subjects import SUBJECTS, describe
+from yesnt.capture_stage import rigs
+from yesnt.capture_stage.cameras import Matrix
+from yesnt.capture_stage.rigs import Rig, pose_on_sphere
+from yesnt.capture_stage.subjects import SUBJECTS, describe, is_still
 from yesnt.core.errors import UsageError
 
 CAPTURE_STAGE_VERSION = 1
@@ -38,14 +38,9 @@ class CameraPath:
 
     def pose(self, index: int, distance: float, middle: float) -> Matrix:
         """`world_from_camera` [4, 4] of the index-th frame; odd ones take the second elevation if there is one."""
-        azimuth = np.radians(self.start + self.step * index)
         odd = self.elevation if self.second_elevation is None else self.second_elevation
-        elevation = np.radians(odd if index % 2 else self.elevation)
-        offset = np.array(
-            [np.cos(elevation) * np.sin(azimuth), -np.cos(elevation) * np.cos(azimuth), np.sin(elevation)]
-        )
-        target = np.array([0.0, 0.0, middle])
-        return look_at(target + distance * offset, target)
+        elevation = odd if index % 2 else self.elevation
+        return pose_on_sphere(self.start + self.step * index, elevation, distance, middle)
 
 
 @dataclass(frozen=True)
@@ -63,8 +58,11 @@ class CaptureSet:
         moving: False: all frames show the first moment (views of one pose).
         samples: of Cycles, before denoising.
         field: focal length over picture height.
-        completes: the set whose shots get Cycles' pictures of their proxy mesh from this one.
+        completes: the set whose shots get something more from this one: pictures of a capture if there is a `rig`, else
+            Cycles' pictures of their proxy mesh.
         bounces: numbers of bounces that the truth is also rendered with; not for variants of a subject.
+        rig: cameras of a capture; None: the delivered view is rendered.
+        capture_map: the map that the plate and the capture are taken under.
     """
 
     subjects: tuple[str, ...]
@@ -79,6 +77,8 @@ class CaptureSet:
     field: float = 1.45
     completes: str | None = None
     bounces: tuple[int, ...] = ()
+    rig: Rig | None = None
+    capture_map: str = CAPTURE
 
 
 _ANIMATED = ("boxer", "dancer", "fox")
@@ -86,6 +86,8 @@ _OBJECTS = (
     "controller_touch", "knot", "athlete", "vase", "controller_index", "drape", "courtier", "controller_reverb",
     "fox_still", "controller_vive",
 )  # fmt: skip
+_RIG_SAMPLES = 16  # a capture is seen by many cameras: each may be a little noisier than the delivered view
+_SMOOTH = ("knot", "courtier")
 
 SETS: Mapping[str, CaptureSet] = MappingProxyType({
     "embedded": CaptureSet(("walk",), (1001, 1016), (CAPTURE, "sky", "studio"), 256, 384, CameraPath(-6, 0.6, 6), 4,
@@ -96,14 +98,31 @@ SETS: Mapping[str, CaptureSet] = MappingProxyType({
                           completes="objects"),
     "sequences": CaptureSet(_ANIMATED, (1001, 1024), (CAPTURE, "city", "courtyard", "photo_studio"), 256, 384,
                           CameraPath(10, -0.5, 6), 6, samples=128),  # of 32, noise alone kept PSNR below 35 to 40 dB
-    "multiview": CaptureSet(_ANIMATED, (1001, 1024), (CAPTURE,), 256, 384, CameraPath(0, 15, 2, 24), 12, moving=False),
-    "heldout": CaptureSet(_ANIMATED, (1001, 1006), (CAPTURE,), 256, 384, CameraPath(22.5, 60, 12), 6, moving=False),
+    "smooth": CaptureSet(_SMOOTH, (1001, 1001), (CAPTURE, *_BLENDER_MAPS, *_NPM_MAPS), 256, 256,
+                       CameraPath(18, 0, 16), 1, capture_map="smooth"),
+    "multiview": CaptureSet(("boxer", "vase", "fox"), (1001, 1004), (CAPTURE,), 256, 256, CameraPath(18, 0, 16), 4),
     "unmodelled": CaptureSet(("knot", "drape", "bust", "bust+skin", "bust+hair"), (1001, 1001),
                              (CAPTURE, "city", "sunset"), 192, 192, CameraPath(18, 0, 16), 1, bounces=(0, 1, 2)),
+    "embedded_capture": CaptureSet(
+        ("walk",), (1001, 1016), (CAPTURE,), 192, 192, CameraPath(), 5, completes="embedded",
+        samples=_RIG_SAMPLES, rig=Rig(rigs.FRONT, (1001, 1005, 1009, 1013, 1016), every=4)),
+    "objects_capture": CaptureSet(
+        _OBJECTS, (1001, 1001), (CAPTURE,), 256, 256, CameraPath(), 1, completes="objects",
+        samples=_RIG_SAMPLES, rig=Rig(rigs.SIXTEEN, (1001,))),
+    "smooth_capture": CaptureSet(
+        _SMOOTH, (1001, 1001), (CAPTURE,), 256, 256, CameraPath(), 1, completes="smooth", capture_map="smooth",
+        samples=_RIG_SAMPLES, rig=Rig(rigs.SIXTEEN, (1001,))),
+    "sequences_capture": CaptureSet(
+        _ANIMATED, (1001, 1024), (CAPTURE,), 192, 192, CameraPath(), 3, completes="sequences",
+        samples=_RIG_SAMPLES, rig=Rig(rigs.TWELVE, (1001, 1003, 1005, 1009, 1012, 1013, 1017, 1021, 1024), every=4)),
+    "multiview_capture": CaptureSet(
+        ("boxer", "vase", "fox"), (1001, 1004), (CAPTURE,), 256, 256, CameraPath(), 1, completes="multiview",
+        samples=_RIG_SAMPLES, rig=Rig(rigs.TWENTY_FOUR, (1001, 1002, 1003, 1004), rigs.BETWEEN, mesh=True)),
 })  # fmt: skip
-"""Every set by name. `heldout` are views of the `multiview` subjects from elsewhere, for the Gaussian stage;
-`reference` needs `objects` and adds the proxy mesh, coloured by the plate, as Cycles relights it. `unmodelled` measures
-effects that relighting does not model: SUBJECT+EFFECT is SUBJECT with that effect, and paths also end early."""
+"""Every set by name. `reference` needs `objects` and adds the proxy mesh, coloured by the plate, as Cycles relights it.
+`unmodelled` measures effects that relighting does not model: SUBJECT+EFFECT is SUBJECT with that effect, and paths also
+end early. `NAME_capture` adds the pictures of a capture's cameras to the shots of NAME. `multiview_capture` also has
+cameras that are held out and the true surface, for fits of Gaussians."""
 
 _SMALL = ("vase", "knot")
 """The subset that tests render; it needs nothing fetched but Blender itself."""
@@ -122,6 +141,7 @@ class RenderJob:
         width: columns.
         height: rows.
         samples: of Cycles, before denoising.
+        cameras: of the set's rig that are rendered; none: the delivered view.
     """
 
     set_name: str
@@ -131,17 +151,22 @@ class RenderJob:
     width: int
     height: int
     samples: int
+    cameras: tuple[str, ...] = ()
 
     @cached_property
     def key(self) -> str:
         """Digest of everything that decides the pixels."""
         stage_set = SETS[self.set_name]
         document: dict[str, Any] = {
-            "version": CAPTURE_STAGE_VERSION, "job": asdict(self), "subject": describe(self.subject),
+            "version": CAPTURE_STAGE_VERSION, "job": self.to_json(), "subject": describe(self.subject),
             "path": asdict(stage_set.path), "field": stage_set.field, "moving": stage_set.moving,
         }  # fmt: skip
         if self.bounces:
             document["bounces"] = self.bounces
+        if stage_set.rig is not None:
+            document["rig"] = {name: asdict(stage_set.rig)[name] for name in ("rings", "held_out", "mesh")}
+        if stage_set.capture_map != CAPTURE:
+            document["capture_map"] = stage_set.capture_map
         return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
 
     @property
@@ -157,8 +182,24 @@ class RenderJob:
     def pose(self, frame: int) -> Matrix:
         """`world_from_camera` [4, 4] of any frame, also of those outside this job."""
         stage_set, subject = SETS[self.set_name], SUBJECTS[self.subject]
-        shown = subject.height * max(1.0, self.height / self.width * 0.66)
-        return stage_set.path.pose(frame - stage_set.frames[0], stage_set.field * shown, subject.middle)
+        return stage_set.path.pose(frame - stage_set.frames[0], self._distance, subject.middle)
+
+    def camera_pose(self, name: str) -> Matrix:
+        """`world_from_camera` [4, 4] of a camera of the set's rig."""
+        rig = SETS[self.set_name].rig
+        assert rig is not None
+        azimuth, elevation = (rig.cameras | rig.held_out_cameras)[name]
+        return pose_on_sphere(azimuth, elevation, self._distance, SUBJECTS[self.subject].middle)
+
+    @property
+    def _distance(self) -> float:
+        """From every camera to the middle of its picture, metres."""
+        shown = SUBJECTS[self.subject].height * max(1.0, self.height / self.width * 0.66)
+        return SETS[self.set_name].field * shown
+
+    def map_of(self, light: str) -> str:
+        """Name of the map of one of the job's lights."""
+        return SETS[self.set_name].capture_map if light == CAPTURE else light
 
     def seconds(self, frame: int) -> float:
         """Time of the subject's motion at a frame, in seconds."""
@@ -167,19 +208,23 @@ class RenderJob:
 
     def to_json(self) -> dict[str, Any]:
         """Plain data; `from_json` takes it back."""
-        return asdict(self)
+        data = asdict(self)
+        if not self.cameras:
+            del data["cameras"]  # keys of delivered views stay what they were before there were rigs
+        return data
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> RenderJob:
         """A job from its plain data."""
-        return cls(**{**data, "frames": tuple(data["frames"]), "lights": tuple(data["lights"])})
+        tuples = {name: tuple(data.get(name, ())) for name in ("frames", "lights", "cameras")}
+        return cls(**{**data, **tuples})
 
 
 def render_jobs(set_name: str, small: bool = False) -> tuple[RenderJob, ...]:
     """Every job of a set, in rendering order.
 
     Args:
-        set_name: "embedded", "objects", "reference", "sequences", "multiview" or "heldout".
+        set_name: key of `SETS`.
         small: two objects under two maps at 64x64 instead of the objects set; for others their first frames, small.
 
     Raises:
@@ -188,21 +233,35 @@ def render_jobs(set_name: str, small: bool = False) -> tuple[RenderJob, ...]:
     if set_name not in SETS:
         raise UsageError(f"There is no set {set_name!r}", "stage", ", ".join(SETS), "name one of them")
     stage_set = _shrunk(set_name) if small else SETS[set_name]
-    first, last = stage_set.frames
-    chunks = [range(start, min(start + stage_set.chunk, last + 1)) for start in range(first, last + 1, stage_set.chunk)]
+    cameras = () if stage_set.rig is None else (*stage_set.rig.cameras, *stage_set.rig.held_out_cameras)
     return tuple(
         RenderJob(
-            set_name, subject, tuple(chunk), stage_set.lights, stage_set.width, stage_set.height, stage_set.samples
+            set_name, subject, chunk, stage_set.lights, stage_set.width, stage_set.height, stage_set.samples, cameras
         )
         for subject in stage_set.subjects
-        for chunk in chunks
+        for chunk in _chunks(stage_set, subject)
     )
+
+
+def shot_frames_of(stage_set: CaptureSet, subject: str) -> tuple[int, ...]:
+    """Frames of a shot: one of a subject that does not move."""
+    first, last = stage_set.frames
+    return tuple(range(first, (first if is_still(subject) else last) + 1))
+
+
+def _chunks(stage_set: CaptureSet, subject: str) -> list[tuple[int, ...]]:
+    """Frames of each job of a subject."""
+    frames = shot_frames_of(stage_set, subject)
+    if stage_set.rig is not None:
+        frames = tuple(frame for frame in stage_set.rig.frames if frame in frames)
+    return [frames[i : i + stage_set.chunk] for i in range(0, len(frames), stage_set.chunk)]
 
 
 def _shrunk(set_name: str) -> CaptureSet:
     stage_set = SETS[set_name]
     if "objects" in (set_name, stage_set.completes):
-        lights = _SMALL_LIGHTS[1:] if stage_set.completes else _SMALL_LIGHTS
+        lights: tuple[str, ...] = _SMALL_LIGHTS[1:] if stage_set.completes else _SMALL_LIGHTS
+        lights = (CAPTURE,) if stage_set.rig is not None else lights
         return replace(stage_set, subjects=_SMALL, lights=lights, width=64, height=64, samples=16)
     first, last = stage_set.frames
     return replace(

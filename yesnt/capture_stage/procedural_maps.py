@@ -69,7 +69,29 @@ def studio(height: int = 256, width: int = 512) -> Radiance:
     return out.astype(np.float32)
 
 
-OWN_MAPS: dict[str, Callable[[], Radiance]] = {"capture": capture, "sky": sky, "studio": studio}
+SMOOTH_RADIANCE = (0.25, 1.58)
+"""Least and largest radiance of the smooth directional light."""
+
+_SMOOTH_TERMS: tuple[tuple[float, Callable[[NDArray[np.float64]], NDArray[np.float64]]], ...] = (
+    (0.55, lambda d: d[..., 2]), (-0.75, lambda d: d[..., 1]), (-0.45, lambda d: d[..., 0]),
+    (0.60, lambda d: d[..., 0] * d[..., 1]), (0.35, lambda d: d[..., 1] * d[..., 2]),
+    (-0.30, lambda d: d[..., 0] ** 2 - d[..., 1] ** 2), (0.25, lambda d: 3 * d[..., 2] ** 2 - 1),
+    (0.60, lambda d: d[..., 0] * (d[..., 0] ** 2 - 3 * d[..., 1] ** 2)),
+    (0.90, lambda d: d[..., 0] * d[..., 1] * d[..., 2]), (-0.30, lambda d: d[..., 1] * (5 * d[..., 2] ** 2 - 1)),
+)  # fmt: skip
+"""Weights of real spherical harmonics of degree 1 to 3, up to their norms: chosen once, of mixed directions."""
+
+
+def smooth(height: int = 128, width: int = 256) -> Radiance:
+    """A smooth directional light: spherical harmonics to degree 3, scaled to `SMOOTH_RADIANCE`."""
+    d = directions(height, width)
+    value = np.sum([weight * term(d) for weight, term in _SMOOTH_TERMS], axis=0)
+    least, most = SMOOTH_RADIANCE
+    scaled = least + (most - least) * (value - value.min()) / (value.max() - value.min())
+    return np.repeat(scaled[..., None], 3, axis=-1).astype(np.float32)
+
+
+OWN_MAPS: dict[str, Callable[[], Radiance]] = {"capture": capture, "smooth": smooth, "sky": sky, "studio": studio}
 """Maps that need nothing fetched, by the name that `truth/relit_NAME` carries."""
 
 

@@ -16,7 +16,7 @@ from yesnt.capture_stage import passes
 from yesnt.capture_stage.jobs import CAPTURE, SETS, RenderJob
 from yesnt.capture_stage.maps import map_path
 from yesnt.capture_stage.reference import projected
-from yesnt.capture_stage.shotfiles import shot_folder, write_static_files
+from yesnt.capture_stage.shotfiles import picture_name, shot_folder, write_static_files
 from yesnt.capture_stage.subjects import prepare
 from yesnt.capture_stage.tools import Tools, run_blender
 from yesnt.core.errors import CorruptError
@@ -88,8 +88,7 @@ def render(job: RenderJob, out_dir: Path, tools: Tools) -> Receipt:
     if missing:
         run_blender(tools, _request(job, missing, raw, tools), raw)
     files = [name for frame in job.frames for name in _write_frame(job, frame, raw, folder)]
-    if SETS[job.set_name].completes is None:
-        files += write_static_files(job, folder, tools)
+    files += write_static_files(job, folder, tools)
     digests = {name: _digest(folder / name) for name in sorted(files)}
     seconds, busy = time.perf_counter() - start, _cpu_seconds() - busy
     receipt = Receipt(job.key, str(folder), digests, seconds, len(missing), busy)
@@ -115,22 +114,44 @@ def _digest(path: Path) -> str:
 
 def _renders(job: RenderJob, raw: Path, tools: Tools) -> list[dict[str, Any]]:
     """The images that Blender renders, frame by frame, so that the scene stays loaded for all lights."""
+    if job.cameras:
+        return [item for frame in job.frames for item in _rig_renders(job, frame, raw, tools)]
     out: list[dict[str, Any]] = []
     for frame in job.frames:
         if CAPTURE in job.lights:
             out.append({"what": "geometry", "frame": frame, "out": str(raw / f"geometry.{frame}.exr")})
             out.append({"what": "proxy", "frame": frame, "out": str(raw / f"proxy.{frame}.ply")})
         out += [
-            {"what": "light", "frame": frame, "env": str(map_path(n, tools)), "out": str(raw / f"{n}.{frame}.exr")}
+            {"what": "light", "frame": frame, "env": _env(job, n, tools), "out": str(raw / f"{n}.{frame}.exr")}
             for n in job.lights
         ]
         out += [
-            {"what": "light", "frame": frame, "env": str(map_path(n, tools)), "bounces": bounces,
+            {"what": "light", "frame": frame, "env": _env(job, n, tools), "bounces": bounces,
              "out": str(raw / f"{_limited(n, bounces)}.{frame}.exr")}
             for n in job.lights if n != CAPTURE
             for bounces in job.bounces
         ]  # fmt: skip
     return out
+
+
+def _rig_renders(job: RenderJob, frame: int, raw: Path, tools: Tools) -> list[dict[str, Any]]:
+    """One frame of every camera; geometry only of cameras that are held out."""
+    rig = SETS[job.set_name].rig
+    assert rig is not None
+    out: list[dict[str, Any]] = []
+    if rig.mesh:
+        out.append({"what": "mesh", "frame": frame, "out": str(raw / f"mesh.{frame}.ply")})
+    for name in job.cameras:
+        shot = {"frame": frame, "world_from_camera": job.camera_pose(name).tolist()}
+        env = _env(job, CAPTURE, tools)
+        out.append({"what": "light", **shot, "env": env, "out": str(raw / f"{name}.{frame}.exr")})
+        if name in rig.held_out_cameras:
+            out.append({"what": "geometry", **shot, "out": str(raw / f"{name}-geometry.{frame}.exr")})
+    return out
+
+
+def _env(job: RenderJob, light: str, tools: Tools) -> str:
+    return str(map_path(job.map_of(light), tools))
 
 
 def _limited(light: str, bounces: int) -> str:
@@ -152,7 +173,7 @@ def _request(job: RenderJob, renders: list[dict[str, Any]], raw: Path, tools: To
     """The request of `inside_blender/main.py`; one frame more on either side, for the motion vectors."""
     frames = range(job.frames[0] - 1, job.frames[-1] + 2)
     stage_set = SETS[job.set_name]
-    if stage_set.completes:
+    if stage_set.completes and not job.cameras:
         subject = projected(job, raw, raw.parent.parent)
     else:
         subject = prepare(job.subject, [job.seconds(f) for f in frames], tools, raw)
@@ -160,6 +181,7 @@ def _request(job: RenderJob, renders: list[dict[str, Any]], raw: Path, tools: To
         "subject": {**subject, "start": stage_set.frames[0]},
         "width": job.width, "height": job.height, "fx": job.focal,
         "samples": job.samples, "threads": tools.threads, "proxy_triangles": PROXY_TRIANGLES,
+        "truth": not job.cameras,
         "frames": [
             {"frame": f, "shape": i, "world_from_camera": job.pose(f).tolist()} for i, f in enumerate(frames)
         ],
@@ -169,6 +191,8 @@ def _request(job: RenderJob, renders: list[dict[str, Any]], raw: Path, tools: To
 
 def _write_frame(job: RenderJob, frame: int, raw: Path, folder: Path) -> list[str]:
     """Writes one frame's files; returns their names."""
+    if job.cameras:
+        return _write_rig_frame(job, frame, raw, folder)
     made: dict[str, dict[str, Any]] = {}
     kind = "proxy" if SETS[job.set_name].completes else "relit"
     for light in job.lights:
@@ -190,3 +214,23 @@ def _write_frame(job: RenderJob, frame: int, raw: Path, folder: Path) -> list[st
         return list(made)
     write_bytes(folder / f"proxy.{frame}.ply", (raw / f"proxy.{frame}.ply").read_bytes())
     return [*made, f"proxy.{frame}.ply"]
+
+
+def _write_rig_frame(job: RenderJob, frame: int, raw: Path, folder: Path) -> list[str]:
+    """Writes one frame of the capture; returns the names of its files."""
+    made = []
+    for name in job.cameras:
+        lit, geometry = passes.read_passes(raw / f"{name}.{frame}.exr"), raw / f"{name}-geometry.{frame}.exr"
+        pictures = {"plate": passes.picture(lit)}
+        if geometry.exists():
+            pictures["gbuffer"] = passes.geometry(passes.read_passes(geometry), lit)
+        for what, channels in pictures.items():
+            path = picture_name(job, name, what, frame)
+            (folder / path).parent.mkdir(parents=True, exist_ok=True)
+            write_exr(folder / path, channels)
+            made.append(path)
+    mesh = raw / f"mesh.{frame}.ply"
+    if mesh.exists():
+        write_bytes(folder / "truth" / mesh.name, mesh.read_bytes())
+        made.append(f"truth/{mesh.name}")
+    return made

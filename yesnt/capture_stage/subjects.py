@@ -131,6 +131,12 @@ SUBJECTS: Mapping[str, Subject] = MappingProxyType({
 """Every subject by name; `walk` is the embedded shot and stands in no set that is evaluated."""
 
 
+def is_still(name: str) -> bool:
+    """Whether a subject looks the same at every moment."""
+    subject = SUBJECTS[name]
+    return isinstance(subject, Shape) or (isinstance(subject, Model) and subject.action is None)
+
+
 _KEY_NAMES = {"costume": "coat", "material": "coat", "subsurface": "flesh"}
 """Names of fields in the keys of render jobs: pictures that were rendered before the fields were renamed stay valid."""
 

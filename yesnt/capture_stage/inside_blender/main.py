@@ -21,6 +21,8 @@ from mathutils import Matrix
 
 _PIXEL_FILTER_WIDTH = 1.5  # pixels: Cycles' own default, an antialiased picture
 _POINT_FILTER_WIDTH = 0.01  # pixels: geometry is read at pixel centres
+_LIT_BY = "lit by"
+_DELIVERED, _OF_RIG = "delivered camera", "camera of the rig"
 _OPENCV_TO_BLENDER = Matrix.Diagonal((1.0, -1.0, -1.0, 1.0))
 
 
@@ -34,6 +36,7 @@ def main() -> None:
     for render in request["renders"]:
         start = time.perf_counter()
         bpy.context.scene.frame_set(render["frame"])
+        _choose_camera(render.get("world_from_camera"))
         _RENDERERS[render["what"]](render, request, meshes)
         sys.stdout.write(f"\nyesnt {json.dumps({'out': render['out'], 'seconds': time.perf_counter() - start})}\n")
         sys.stdout.flush()
@@ -55,8 +58,9 @@ def _scene(request: dict[str, Any]) -> None:
     cycles.device, cycles.seed, cycles.use_adaptive_sampling = "CPU", 0, False
     cycles.sample_clamp_direct = cycles.sample_clamp_indirect = cycles.blur_glossy = 0.0  # truth is not clamped
     layer = scene.view_layers[0]
-    layer.use_pass_z = layer.use_pass_normal = layer.use_pass_vector = True
-    for name, kind in materials.AOVS:
+    layer.use_pass_z = layer.use_pass_normal = True
+    layer.use_pass_vector = request["truth"]
+    for name, kind in materials.AOVS if request["truth"] else ():
         aov = layer.aovs.add()
         aov.name, aov.type = name, kind
     scene.world = bpy.data.worlds.new("light")
@@ -65,14 +69,14 @@ def _scene(request: dict[str, Any]) -> None:
 
 def _camera(request: dict[str, Any]) -> None:
     scene = bpy.context.scene
-    lens = bpy.data.cameras.new("camera")
+    lens = bpy.data.cameras.new("lens")
     lens.sensor_fit, lens.sensor_width = "HORIZONTAL", 36.0
     lens.lens = request["fx"] * 36.0 / request["width"]
     lens.clip_start, lens.clip_end = 0.01, 1000.0
-    camera = bpy.data.objects.new("camera", lens)
+    for name in (_DELIVERED, _OF_RIG):
+        scene.collection.objects.link(bpy.data.objects.new(name, lens))
+    camera = scene.objects[_DELIVERED]
     camera.rotation_mode = "QUATERNION"
-    scene.collection.objects.link(camera)
-    scene.camera = camera
     for frame in request["frames"]:
         camera.matrix_world = Matrix(frame["world_from_camera"]) @ _OPENCV_TO_BLENDER
         camera.keyframe_insert("location", frame=frame["frame"])
@@ -80,8 +84,20 @@ def _camera(request: dict[str, Any]) -> None:
     subjects.linear(camera)
 
 
+def _choose_camera(pose: list[list[float]] | None) -> None:
+    """Looks through the delivered camera, or through one of a rig that stands so."""
+    scene = bpy.context.scene
+    scene.camera = scene.objects[_DELIVERED if pose is None else _OF_RIG]
+    if pose is not None:
+        scene.camera.matrix_world = Matrix(pose) @ _OPENCV_TO_BLENDER
+
+
 def _light(path: str) -> None:
+    """Lights the scene by a map; one that it is lit by already stays, since Cycles prepares a map for two seconds."""
     world = bpy.context.scene.world
+    if world.get(_LIT_BY) == path:
+        return
+    world[_LIT_BY] = path
     tree = world.node_tree
     tree.nodes.clear()
     texture, background = tree.nodes.new("ShaderNodeTexEnvironment"), tree.nodes.new("ShaderNodeBackground")
@@ -128,7 +144,16 @@ def _write_proxy(render: dict[str, Any], request: dict[str, Any], meshes: list[A
     os.replace(temporary, render["out"])
 
 
-_RENDERERS = {"light": _render_light, "geometry": _render_geometry, "proxy": _write_proxy}
+def _write_mesh(render: dict[str, Any], request: dict[str, Any], meshes: list[Any]) -> None:
+    """The surface as it is rendered: modifiers as in a render, nothing decimated."""
+    for modifier in (m for obj in meshes for m in obj.modifiers if m.type == "SUBSURF"):
+        modifier.levels = modifier.render_levels
+    temporary = Path(f"{render['out']}.{os.getpid()}")
+    subjects.write_ply(temporary, *subjects.joined(meshes))
+    os.replace(temporary, render["out"])
+
+
+_RENDERERS = {"light": _render_light, "geometry": _render_geometry, "proxy": _write_proxy, "mesh": _write_mesh}
 
 if __name__ == "__main__":
     main()

@@ -199,12 +199,18 @@ def world_mesh(obj: Any) -> tuple[Any, Any]:
     return vertices.reshape(-1, 3) @ matrix[:3, :3].T + matrix[:3, 3], triangles.reshape(-1, 3)
 
 
-def decimated(meshes: list[Any], triangles: int) -> tuple[Any, Any]:
-    """All meshes as one, brought down to about so many triangles: vertices [V, 3] float32, faces [F, 3] int32."""
+def joined(meshes: list[Any]) -> tuple[Any, Any]:
+    """All meshes as one: vertices [V, 3] float32 in world metres, faces [F, 3] int32."""
     parts = [world_mesh(obj) for obj in meshes]
     starts = np.cumsum([0, *(len(v) for v, _ in parts[:-1])])
     vertices = np.concatenate([v for v, _ in parts])
     faces = np.concatenate([f + start for (_, f), start in zip(parts, starts, strict=True)])
+    return vertices.astype("<f4"), faces.astype("<i4")
+
+
+def decimated(meshes: list[Any], triangles: int) -> tuple[Any, Any]:
+    """All meshes as one, brought down to about so many triangles: vertices [V, 3] float32, faces [F, 3] int32."""
+    vertices, faces = joined(meshes)
     mesh = bpy.data.meshes.new("proxy")
     mesh.from_pydata(vertices.tolist(), [], faces.tolist())
     obj = bpy.data.objects.new("proxy", mesh)

@@ -441,6 +441,6 @@ def test_stage_page_lists_every_set_of_the_capture_stage() -> None:
     from yesnt.capture_stage.jobs import SETS
 
     named = set(
-        re.findall(r"`([a-z]+)`", " ".join(re.findall(r"^\| (.*?) \|", section("docs/stage.md", "Sets"), re.M)))
+        re.findall(r"`([a-z_]+)`", " ".join(re.findall(r"^\| (.*?) \|", section("docs/stage.md", "Sets"), re.M)))
     )
     assert named == set(SETS)

@@ -48,3 +48,17 @@ def camera_at(eye: tuple[float, float, float], size: tuple[int, int] = (24, 16),
 def view_at(eye: tuple[float, float, float], size: tuple[int, int] = (24, 16), focal: float = 30.0) -> View:
     """The pinhole view of `camera_at`."""
     return View.of(camera_at(eye, size, focal))
+
+
+def shell(count: int, radius: float = 0.3, logit: float = 3.0) -> GaussianField:
+    """Thin grey discs that lie evenly on a sphere about the origin."""
+    index = np.arange(count) + 0.5
+    polar, turn = np.arccos(1 - 2 * index / count), np.pi * (1 + np.sqrt(5)) * index
+    normal = np.stack([np.cos(turn) * np.sin(polar), np.sin(turn) * np.sin(polar), np.cos(polar)], 1)
+    quaternions = np.stack([1 + normal[:, 2], -normal[:, 1], normal[:, 0], np.zeros(count)], 1)  # turn z to the normal
+    spacing = np.sqrt(4 * np.pi * radius**2 / count)
+    return GaussianField(
+        radius * normal, np.log(np.tile([[0.6 * spacing, 0.6 * spacing, 0.06 * spacing]], (count, 1))),
+        quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True), np.full(count, logit),
+        np.zeros((count, 1, 3)),
+    )  # fmt: skip

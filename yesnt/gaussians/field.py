@@ -170,7 +170,7 @@ def _frozen(value: NDArray[np.floating]) -> F32:
 
 def _per_gaussian(values: NDArray[np.bool_], over: object = np.all) -> NDArray[np.bool_]:
     """[N]: all (or any) of each Gaussian's values."""
-    flat = values.reshape(len(values), -1)
+    flat = values.reshape(len(values), int(np.prod(values.shape[1:])))
     return np.asarray(flat.any(axis=1) if over is np.any else flat.all(axis=1))
 
 

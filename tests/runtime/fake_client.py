@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import random
+import time
 from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
@@ -12,6 +13,7 @@ import pytest
 
 from yesnt.core.errors import ShortageError
 from yesnt.runtime.driver import attempt as attempt_module
+from yesnt.runtime.driver import driver as driver_module
 
 WORKERS = ("tcp://10.0.0.1:1", "tcp://10.0.0.2:1", "tcp://10.0.0.3:1")
 
@@ -30,6 +32,7 @@ class FakeClient:
         self.ran: list[tuple[str, int, str]] = []
         self.scheduler = SimpleNamespace(ncores=None)
         monkeypatch.setattr(attempt_module, "_own_address", lambda: self._here)
+        monkeypatch.setattr(driver_module, "Completions", FakeCompletions)
 
     def sync(self, call: Callable[[], Any] | None, callback_timeout: float) -> dict[Any, Any]:
         return self.workers if call is None else asyncio.run(call())
@@ -52,13 +55,27 @@ class FakeClient:
             return _Future(None, error)
 
 
+class FakeCompletions:
+    """Futures of fake clients; one has ended unless its status is "pending"."""
+
+    def __init__(self, client: Any) -> None:
+        self._waiting: list[tuple[Any, Any]] = []
+
+    def add(self, node_id: Any, future: Any) -> None:
+        self._waiting.append((node_id, future))
+
+    def take(self, seconds: float) -> list[tuple[Any, Any]]:
+        ended = [row for row in self._waiting if row[1].status != "pending"]
+        self._waiting = [row for row in self._waiting if row[1].status == "pending"]
+        if not ended:
+            time.sleep(min(seconds, 0.01))
+        return ended
+
+
 class _Future:
     def __init__(self, result: Any, error: Exception | None) -> None:
         self._result, self._error = result, error
         self.status = "finished" if error is None else "error"
-
-    def add_done_callback(self, call: Callable[[Any], None]) -> None:
-        call(self)
 
     def result(self, timeout: float) -> Any:
         return self._result

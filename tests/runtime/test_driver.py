@@ -9,7 +9,7 @@ import pytest
 from distributed.comm import CommClosedError
 
 from tests.fake_tasks import A, B, FakeTask, fake_task, runs_of
-from tests.runtime.fake_client import FakeClient
+from tests.runtime.fake_client import FakeClient, FakeCompletions
 from yesnt.core.errors import ClusterLostError, UsageError
 from yesnt.core.shot import GBufferInput, Job, LightInput, PlateInput, Shot
 from yesnt.io.records import RecordBook
@@ -176,6 +176,12 @@ def test_closure_keeps_only_what_targets_need() -> None:
     assert set(chain(4).closure([(B, 2)]).nodes) == {(A, 2), (B, 2)}
 
 
+@pytest.fixture
+def fake_completions(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Futures of this file's clients need no event loop."""
+    monkeypatch.setattr("yesnt.runtime.driver.driver.Completions", FakeCompletions)
+
+
 class _LostFuture:
     """A task that ended, whose result can no longer be fetched."""
 
@@ -186,9 +192,6 @@ class _LostFuture:
 
     def __init__(self, error: Exception) -> None:
         self._error = error
-
-    def add_done_callback(self, call) -> None:
-        call(self)
 
     def result(self, timeout: float) -> None:
         raise self._error
@@ -223,6 +226,7 @@ def test_a_scheduler_lost_while_it_hands_receipts_over_is_a_lost_cluster(job: Jo
     assert [e["event"] for e in events][:2] == ["start", "done"], "what was done is told all the same"
 
 
+@pytest.mark.usefixtures("fake_completions")
 def test_a_scheduler_lost_while_it_hands_an_error_over_is_a_lost_cluster(job: Job) -> None:
     class Unreachable(_LostFuture):
         status = "error"
@@ -289,24 +293,23 @@ def test_workers_that_never_stay_are_a_lost_cluster(monkeypatch: pytest.MonkeyPa
     assert len(gone.asked) == 1, "a scheduler that is gone is not asked again"
 
 
+@pytest.mark.usefixtures("fake_completions")
 def test_a_run_waits_for_the_next_worker_and_says_so(job: Job, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("yesnt.runtime.driver.scheduler_watch.HEARTBEAT_SECONDS", 0.0)
     monkeypatch.setattr("yesnt.runtime.driver.scheduler_watch.ALONE_SECONDS", 0.2)
     workers: dict[str, int] = {}
-    waiting: list = []
 
     class Late(_LostFuture):
+        status = "pending"
+
         def result(self, timeout: float) -> dict:
             return {"seconds": 0.0, "kernel_seconds": 0.0}
-
-        def add_done_callback(self, call) -> None:
-            waiting.append(call)
 
     def listen(event) -> None:
         events.append(event)
         if event["event"] == "waiting":
             workers["tcp://127.0.0.1:1"] = 1
-            waiting.pop()(futures[0])
+            futures[0].status = "finished"
 
     futures: list[Late] = []
     events: list = []
@@ -325,6 +328,7 @@ def test_a_run_waits_for_the_next_worker_and_says_so(job: Job, monkeypatch: pyte
     assert [e["event"] for e in events] == ["start", "waiting", "done"]
 
 
+@pytest.mark.usefixtures("fake_completions")
 def test_a_scheduler_without_workers_for_too_long_is_a_lost_cluster(job: Job) -> None:
     from distributed.scheduler import NoWorkerError
 

@@ -6,7 +6,6 @@ alone, so a driver, a worker or a scheduler may vanish at any moment, and the ne
 
 from __future__ import annotations
 
-import queue
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -19,6 +18,7 @@ from yesnt.io.durable import is_full
 from yesnt.io.records import RecordBook
 from yesnt.planning.graph import Graph, Node, NodeId
 from yesnt.runtime.driver.attempt import attempt, recorded, worker_of
+from yesnt.runtime.driver.completions import Completions
 from yesnt.runtime.driver.event_queue import FLUSH_SECONDS, EventQueue, Receipt
 from yesnt.runtime.driver.packed import Packed
 from yesnt.runtime.driver.scheduler_watch import SchedulerWatch, lost, no_worker_errors, received, without_workers
@@ -127,7 +127,6 @@ class Driver:
         self._ready = ReadyNodes(graph, self._users, self._settings.order)
         self._suspects: list[NodeId] = []
         self._running: dict[NodeId, Any] = {}  # of distributed.Future
-        self._finished: queue.SimpleQueue[tuple[NodeId, Any]] = queue.SimpleQueue()
         self._events = EventQueue(listen, self._receive)
         self._attempts: dict[NodeId, int] = {}  # the number of the last one
         self._failures: dict[NodeId, int] = {}
@@ -174,6 +173,7 @@ class Driver:
         from distributed.comm import CommClosedError
 
         self._client, self._watch = client, SchedulerWatch(client, self._pools)
+        self._finished = Completions(client)
         try:
             while self._waiting:
                 self._supervisor.check()
@@ -231,7 +231,7 @@ class Driver:
         self._running[node_id] = future
         fault_point("driver.after_submit")
         self._tell("start", node, attempt=number)
-        future.add_done_callback(lambda done, node_id=node_id: self._finished.put((node_id, done)))
+        self._finished.add(node_id, future)
 
     def _skip(self) -> None:
         """Gives up the nodes that the user wants to be left out."""
@@ -254,12 +254,8 @@ class Driver:
 
     def _collect(self) -> None:
         """Waits for a task to end and handles all that have ended."""
-        try:
-            self._take(*self._finished.get(timeout=FLUSH_SECONDS if len(self._events) else 0.5))
-            while True:
-                self._take(*self._finished.get_nowait())
-        except queue.Empty:
-            return
+        for node_id, future in self._finished.take(FLUSH_SECONDS if len(self._events) else 0.5):
+            self._take(node_id, future)
 
     def _take(self, node_id: NodeId, future: Any) -> None:
         if node_id not in self._running or future is not self._running[node_id]:

@@ -9,7 +9,7 @@ from typing import Any
 from yesnt.planning.graph import Node
 from yesnt.runtime.driver.scheduler_watch import GATHER_SECONDS, LOSS_SECONDS, lost
 
-FLUSH_SECONDS = 0.25
+FLUSH_SECONDS = 1.0
 """Events are passed on this often. A receipt costs a round trip through the scheduler; a batch of them costs one."""
 
 Receipt = dict[str, Any]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 import threading
 from pathlib import Path
 
@@ -11,12 +12,14 @@ from typer.testing import CliRunner
 
 from tests.tiny_shot import write_tiny_shot
 from yesnt.cli.app import app
+from yesnt.cli.progress import line_progress
+from yesnt.cli.text import print_error
 from yesnt.core.errors import UsageError
 from yesnt.core.frame_ranges import frame_ranges
 from yesnt.io.jobfile import parse_frames
 from yesnt.planning.stages import COMPOSITE, RELIGHT
 from yesnt.runtime.control import share as module
-from yesnt.runtime.control.open_job import MOST_TASKS, open_job_template
+from yesnt.runtime.control.open_job import FORMAT_VARIABLE, MOST_TASKS, OPEN_JOB, open_job_template
 from yesnt.runtime.control.share import run_shared
 from yesnt.runtime.run_options import RunOptions
 from yesnt.runtime.session import Session
@@ -73,7 +76,11 @@ def test_a_task_that_fails_costs_its_own_frames_alone(tiny_shot: Path, monkeypat
     assert len(tries) == 2
     assert len([one for one in result.outcome.done if one[0] == COMPOSITE]) == 3
     assert sorted(digests(tiny_shot)) == ["tiny.1001.exr", "tiny.1003.exr", "tiny.1004.exr"]
-    assert [event["event"] for event in events if event["event"] != "done"] == ["retry", "failed"]
+    assert [event["event"] for event in events if event["event"] not in ("start", "done")] == [
+        "plan",
+        "retry",
+        "failed",
+    ]
 
 
 def test_share_goes_with_no_option_of_a_driver(tiny_shot: Path) -> None:
@@ -106,7 +113,7 @@ def test_long_shots_have_no_more_tasks_than_allowed(tmp_path: Path, count: int) 
     assert frame_ranges(f for text in parameter["range"] for f in parse_frames(text, "")) == frame_ranges(range(count))
 
 
-def test_the_exported_commands_do_the_shot(tmp_path: Path) -> None:
+def test_the_exported_commands_do_the_shot_and_tell_the_farm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Runs the template's commands as a farm would, its one step after the other."""
     import yaml
 
@@ -114,6 +121,9 @@ def test_the_exported_commands_do_the_shot(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["export-openjd", str(path), "--output", str(file), "--chunk", "1"])
     assert result.exit_code == 0, result.output
     template = yaml.safe_load(file.read_text())
+    for name, value in template["jobEnvironments"][0]["variables"].items():
+        monkeypatch.setenv(name, value)
+    told: dict[str, list[float]] = {}
     for step in template["steps"]:
         space = step.get("parameterSpace", {"taskParameterDefinitions": [{"range": [""]}]})
         for value in space["taskParameterDefinitions"][0]["range"]:
@@ -122,5 +132,30 @@ def test_the_exported_commands_do_the_shot(tmp_path: Path) -> None:
             done = CliRunner().invoke(app, command, standalone_mode=False)
             assert not done.exception, done.output
             assert done.return_value in (None, 0), done.output
+            told[f"{step['name']} {value}"] = [
+                float(p) for p in re.findall(r"(?m)^openjd_progress: (.+)$", done.output)
+            ]
     assert sorted(digests(path)) == ["tiny.1001.exr", "tiny.1002.exr"]
+    assert sorted(told) == ["Check ", "Frames 1001", "Frames 1002", "Preview "]
+    for shares in (told["Frames 1001"], told["Frames 1002"], told["Preview "]):
+        assert shares == sorted(shares)
+        assert shares[0] > 0
+        assert shares[-1] == 100
     assert (path.parent / "out" / "run" / "preview.mp4").exists()
+    assert re.search(r"(?m)^openjd_status: \d+ of \d+ tasks done, .+ elapsed", done.output)
+
+
+def test_a_farm_is_told_of_what_others_do_and_why_a_command_failed(monkeypatch, capsys) -> None:
+    plan = {"event": "plan", "stages": {"flow": 4}, "reused": {"flow": 1}}
+    elsewhere = {"event": "done_elsewhere", "stage": "flow", "frames": [1002]}
+    for event in (plan, elsewhere):
+        line_progress()(event)
+    assert "openjd" not in capsys.readouterr().out, "other farms get none of these lines"
+    monkeypatch.setenv(FORMAT_VARIABLE, OPEN_JOB)
+    progress = line_progress()
+    for event in (plan, elsewhere):
+        progress(event)
+    assert "progress 50%, 0.0 s elapsed\nopenjd_progress: 50.0\nopenjd_status: 2 of 4 tasks" in capsys.readouterr().out
+    print_error(UsageError("Two\nlines", "--share", "one", "leave one out"), as_json=False)
+    (line,) = capsys.readouterr().out.splitlines()
+    assert line.startswith("openjd_fail: Two lines")

@@ -255,7 +255,7 @@ def doctor(json: JsonOption = False) -> int:
 
 def _drive(session: object, options: object, json: bool) -> int:
     """Runs with progress and prints where the results are; 3 if frames are missing."""
-    from yesnt.cli.progress import BarProgress, LineProgress
+    from yesnt.cli.progress import BarProgress, line_progress
     from yesnt.runtime.run_options import RunOptions
     from yesnt.runtime.session import Session
 
@@ -264,7 +264,7 @@ def _drive(session: object, options: object, json: bool) -> int:
     if json:
         result = session.run(options)
     else:
-        progress = (BarProgress if sys.stdout.isatty() else LineProgress)(session.job.width * session.job.height / 1e6)
+        progress = (BarProgress if sys.stdout.isatty() else line_progress)(session.job.width * session.job.height / 1e6)
         with progress:
             result = session.run(options, progress)
     missing = [{"stage": s, "frame": f, "why": why} for (s, f), why in sorted(result.missing.items())]

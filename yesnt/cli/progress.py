@@ -9,6 +9,7 @@ from typing import Any
 
 from yesnt.cli.text import compiling_line, dashboard_lines, done_line, notice_line, seconds, time_text
 from yesnt.planning.time_left import TimeLeft, stage_name
+from yesnt.runtime.control.open_job import in_open_job
 
 
 class LineProgress:
@@ -37,12 +38,30 @@ class LineProgress:
             print(notice_line(event), flush=True)
         elif kind in ("compiling", "compiled"):
             print(compiling_line(event), flush=True)
-        elif kind == "done":
+        elif kind in ("done", "done_elsewhere"):
             self._done += 1
-            share = 100 * self._done // max(1, self._total)
-            print(f"{done_line(event)}\nprogress {share}%, {time_text(self._time)}\n", end="", flush=True)
+            line = f"{done_line(event)}\n" if kind == "done" else ""
+            print(line + self._progress_lines(), end="", flush=True)
         elif kind in ("retry", "failed", "worker_died", "dead", "skipped"):
             print(f"Frame {event['frames'][0]} {event['stage']} {kind}: {event['reason']}", flush=True)
+
+    def _progress_lines(self) -> str:
+        """Lines that tell how far the run is."""
+        return f"progress {100 * self._done // max(1, self._total)}%, {time_text(self._time)}\n"
+
+
+class OpenJobProgress(LineProgress):
+    """The same lines, and those that a session of Open Job Description reads."""
+
+    def _progress_lines(self) -> str:
+        share = 100 * self._done / max(1, self._total)
+        status = f"{self._done} of {self._total} tasks done, {time_text(self._time)}"
+        return f"{super()._progress_lines()}openjd_progress: {share:.1f}\nopenjd_status: {status}\n"
+
+
+def line_progress(megapixels: float = 1.0) -> LineProgress:
+    """Progress in lines, as the farm wants it that started this process."""
+    return (OpenJobProgress if in_open_job() else LineProgress)(megapixels)
 
 
 class BarProgress:

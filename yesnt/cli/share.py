@@ -30,10 +30,11 @@ def refuse_with_share(given: Mapping[str, object]) -> None:
 
 def drive_shared(session: Session, options: RunOptions, json: bool) -> int:
     """Runs and prints a line for each task; 3 if frames are missing."""
-    from yesnt.cli.progress import LineProgress
+    from yesnt.cli.progress import line_progress
     from yesnt.runtime.control.share import run_shared
 
-    result = run_shared(session, options) if json else run_shared(session, options, LineProgress())
+    megapixels = session.job.width * session.job.height / 1e6
+    result = run_shared(session, options) if json else run_shared(session, options, line_progress(megapixels))
     missing = [{"stage": str(s), "frame": f, "why": why} for (s, f), why in result.missing.items()]
     if json:
         found: dict[str, Any] = {"done": len(result.outcome.done), "missing": missing, "warnings": result.warnings}

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from yesnt.core.errors import YesntError
+from yesnt.runtime.control.open_job import in_open_job
 
 if TYPE_CHECKING:
     from yesnt.inspect.run_view import RunView
@@ -21,6 +22,8 @@ def print_error(error: YesntError, as_json: bool) -> None:
         print_json({"error": {"what": error.what, "where": error.where, "expected": error.expected, "do": error.do}})
     else:
         print(f"yesnt: {error}", file=sys.stderr)
+        if in_open_job():
+            print(f"openjd_fail: {' '.join(str(error).split())}", flush=True)
 
 
 def print_json(document: Any) -> None:

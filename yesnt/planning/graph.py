@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -68,6 +69,11 @@ class Node:
     def without_needs(self) -> Node:
         """The node as it is sent to a worker: a joint solve of a long shot needs tens of thousands of nodes."""
         return replace(self, needs=())
+
+
+def stage_counts(ids: Iterable[NodeId]) -> dict[str, int]:
+    """Number of nodes by the name of their stage, in order of first appearance."""
+    return dict(Counter(stage.name for stage, _ in ids))
 
 
 class Graph:

@@ -24,7 +24,7 @@ from yesnt.io.store import FrameStore
 from yesnt.planning import settings as of
 from yesnt.planning.chunks import ChunkPlan, Extent, fits_whole, matte_extent, plan_chunks
 from yesnt.planning.frame_grid import DEAD, FrameGrid
-from yesnt.planning.graph import Graph, NodeId
+from yesnt.planning.graph import Graph, NodeId, stage_counts
 from yesnt.planning.resources import needs_gpu, runs_on_gpu
 from yesnt.planning.shot_plan import ShotPlan
 from yesnt.planning.stages import STAGES
@@ -235,7 +235,7 @@ class Session:
         driver = Driver(self.job, graph, self.book, run_node, settings, tell, run.supervisor)
         run.index.look_again()
         reused = driver.reuse(run.index)
-        tell({"event": "plan", "stages": _count(graph), "reused": _count_ids(reused.reused)})
+        tell({"event": "plan", "stages": stage_counts(graph.nodes), "reused": stage_counts(reused.reused)})
         run.grid.lay_out(graph, reused.reused)
         outcome = reused
         if driver.remaining:
@@ -305,17 +305,6 @@ class _Run:
     grid: LiveGrid
     supervisor: Supervisor
     index: RecordIndex
-
-
-def _count(graph: Graph) -> dict[str, int]:
-    return _count_ids(list(graph.nodes))
-
-
-def _count_ids(ids: list[NodeId]) -> dict[str, int]:
-    counts: dict[str, int] = {}
-    for stage, _ in ids:
-        counts[stage.name] = counts.get(stage.name, 0) + 1
-    return counts
 
 
 def _merge(total: Outcome, one: Outcome) -> None:

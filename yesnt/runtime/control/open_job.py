@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,14 @@ MOST_TASKS = 1024
 
 MOST_NAME = 128
 """Characters that the specification allows a job's name."""
+
+FORMAT_VARIABLE, OPEN_JOB = "YESNT_PROGRESS", "openjd"
+"""An environment variable of the template: progress and errors are printed as the specification wants them."""
+
+
+def in_open_job() -> bool:
+    """Whether a farm started this process by the template."""
+    return os.environ.get(FORMAT_VARIABLE) == OPEN_JOB
 
 
 def open_job_template(name: str, shot: Path, frames: tuple[int, ...], chunk: int) -> dict[str, Any]:
@@ -33,6 +42,7 @@ def open_job_template(name: str, shot: Path, frames: tuple[int, ...], chunk: int
             {"name": "Shot", "type": "PATH", "objectType": "FILE", "dataFlow": "INOUT", "default": str(shot),
              "description": "The shot.yaml; its output folder must be on a disk that all machines share."},
         ],
+        "jobEnvironments": [{"name": "Progress", "variables": {FORMAT_VARIABLE: OPEN_JOB}}],
         "steps": [
             _step("Check", ["plan", "{{Param.Shot}}"]),
             _step("Frames", ["run", "{{Param.Shot}}", "--share", "--frames", "{{Task.Param.Frames}}"], "Check")

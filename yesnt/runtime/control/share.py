@@ -12,7 +12,7 @@ from typing import Any
 from yesnt.core.errors import YesntError
 from yesnt.io.lease import Observer, take_lease
 from yesnt.io.store import FrameStore
-from yesnt.planning.graph import Graph, Node, NodeId
+from yesnt.planning.graph import Graph, Node, NodeId, stage_counts
 from yesnt.runtime.driver.driver import is_done
 from yesnt.runtime.run_options import RunOptions, RunResult
 from yesnt.runtime.session import Missing, Session
@@ -62,10 +62,11 @@ class _Share:
 
     def run(self) -> None:
         """Goes through the nodes again and again until none is left."""
+        reused = stage_counts(node.id for node in self._take_done())
+        self._listen({"event": "plan", "stages": stage_counts(self._graph.nodes), "reused": reused})
         while self._left:
-            index = self._session.open_index()
-            for node in [node for node in self._left.values() if is_done(index, node)]:
-                del self._left[node.id]
+            for node in self._take_done():
+                self._tell("done_elsewhere", _about(node))
             ready = [node for node in self._left.values() if self._left.keys().isdisjoint(node.needs)]
             waited = True
             for node in ready:
@@ -75,12 +76,21 @@ class _Share:
             if ready and waited:
                 time.sleep(WAIT_SECONDS)
 
+    def _take_done(self) -> list[Node]:
+        """Nodes that are done since the last call, by whatever process."""
+        index = self._session.open_index()
+        done = [node for node in self._left.values() if is_done(index, node)]
+        for node in done:
+            del self._left[node.id]
+        return done
+
     def _taken(self, node: Node) -> bool:
         """Whether another process works on a node now."""
         return not Observer(self._session.output.task_leases, f"{node.stage}.{node.frames[0]:04d}").vacant()
 
     def _try(self, node: Node) -> None:
-        about = {"stage": node.stage.label, "frames": list(node.frames)}
+        about = _about(node)
+        self._tell("start", about)
         try:
             receipt = run_node(self._session.job, node)
         except Exception as error:  # the frame is left out and all others go on
@@ -107,3 +117,7 @@ class _Share:
 
     def _tell(self, event: str, about: Mapping[str, Any], **facts: Any) -> None:
         self._listen({"event": event, "time": time.time(), **about, **facts})
+
+
+def _about(node: Node) -> dict[str, Any]:
+    return {"stage": node.stage.label, "frames": list(node.frames)}

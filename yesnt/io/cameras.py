@@ -1,19 +1,56 @@
-"""Reads `cameras.json`: the calibrated cameras of a capture (docs/roadmap.md)."""
+"""Reads the calibrated cameras of a capture: `cameras.json`, or the calibration of another program (docs/capture.md)."""
 
 from __future__ import annotations
 
-import json
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from yesnt.core.camera import Camera
+from yesnt.core.camera_axes import UNITS
 from yesnt.core.camera_document import COMMENT_KEYS, REQUIRED_KEYS, refuse_unknown_keys
 from yesnt.core.errors import JobError
+from yesnt.io.calibrations.registry import calibration_of
 
 _EXPECTED = '{"axes", "units", "cameras": {"c00": {width, height, fx, ..., "world_from_camera": [16 numbers]}}}'
 _STILL = 0
 """Frame number under which a camera at rest keeps its only pose."""
+
+
+UP: Mapping[str, NDArray[np.float64]] = MappingProxyType({
+    "z": np.eye(3),
+    "-z": np.diag([1.0, -1.0, -1.0]),
+    "y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
+    "-y": np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]),
+})  # fmt: skip
+"""Rotations that turn the axis that points up in a calibration's world to Z."""
+
+
+@dataclass(frozen=True)
+class World:
+    """What the job says of a calibration's world.
+
+    Attributes:
+        up: its axis that points up, a key of `UP`.
+        units: "m", "cm", "mm", or metres of one unit; None: as the file or its format says.
+    """
+
+    up: str = "z"
+    units: str | float | None = None
+
+
+FILE_WORLD = World()
+"""The file's own unit, Z up."""
+
+
+def metres_of(units: str | float) -> float:
+    """Metres of one unit."""
+    return UNITS[units] if isinstance(units, str) else units
 
 
 @dataclass(frozen=True)
@@ -35,26 +72,41 @@ class CalibratedCamera:
         return None if self.still else frame
 
 
-def read_cameras(path: Path) -> dict[str, CalibratedCamera]:
-    """The cameras of a `cameras.json` by name, in the file's order.
+def read_cameras(path: Path, world: World = FILE_WORLD) -> dict[str, CalibratedCamera]:
+    """The cameras of a calibration by name, in the file's order, in metres of a Z-up world.
+
+    Args:
+        path: a file or folder of a kind that `io/calibrations/registry.py` lists.
+        world: what the job says of the calibration's world.
 
     Raises:
-        JobError: the file is missing, is not JSON, or a key is unknown, absent or wrong; names the camera.
+        JobError: the file is missing, is of no kind that is understood, or a key is unknown, absent or wrong; names
+            the camera.
     """
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise JobError("The file of the cameras is missing", str(path), "a cameras.json", "write it") from error
-    except (ValueError, OSError) as error:
-        raise JobError(
-            f"The file of the cameras cannot be read ({error})", str(path), "JSON text", "export it again"
-        ) from error
-    cameras = data.get("cameras") if isinstance(data, dict) else None
+    data = calibration_of(path).read(path)
+    cameras = data.get("cameras")
     if not isinstance(cameras, dict) or not cameras:
         raise JobError("The file names no cameras", str(path), _EXPECTED, "export it again")
     refuse_unknown_keys(data, ("axes", "units", "cameras", *COMMENT_KEYS), str(path))
     common = {key: data[key] for key in ("axes", "units") if key in data}
-    return {name: _camera(entry, common, f"{path}: camera {name}") for name, entry in cameras.items()}
+    found = {name: _camera(entry, common, f"{path}: camera {name}") for name, entry in cameras.items()}
+    if world == FILE_WORLD:
+        return found
+    assumed = UNITS[common.get("units", "m")]
+    scale = 1.0 if world.units is None else metres_of(world.units) / assumed
+    return {name: _in_world(one, world.up, scale) for name, one in found.items()}
+
+
+def _in_world(one: CalibratedCamera, up: str, scale: float) -> CalibratedCamera:
+    turn = np.eye(4)
+    turn[:3, :3] = UP[up]
+    poses: dict[int, NDArray[np.float64]] = {}
+    for frame, pose in one.camera.poses.items():
+        moved = turn @ pose
+        moved[:3, 3] *= scale
+        moved.setflags(write=False)
+        poses[frame] = moved
+    return replace(one, camera=replace(one.camera, poses=poses))
 
 
 def _camera(entry: Any, common: dict[str, Any], where: str) -> CalibratedCamera:

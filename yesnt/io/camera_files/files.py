@@ -9,6 +9,8 @@ from typing import Any
 from yesnt.core.camera import Camera
 from yesnt.core.camera_document import Lens
 from yesnt.core.errors import JobError
+from yesnt.io.calibrations.nerfstudio import is_transforms
+from yesnt.io.calibrations.registry import CALIBRATIONS
 from yesnt.io.camera_files.alembic import read_alembic
 from yesnt.io.camera_files.chan import read_chan
 from yesnt.io.camera_files.options import ImportOptions
@@ -32,21 +34,26 @@ def read_cameras_of(path: Path, options: ImportOptions) -> dict[str, Camera]:
     if suffix == ".json":
         return _of_json(path, options.camera)
     readers = {".chan": read_chan, ".abc": read_alembic, **dict.fromkeys(USD, read_usd)}
+    if suffix not in readers and any(kind.files(path) for kind in CALIBRATIONS):
+        return _of_capture(path, options.camera)
     if suffix not in readers:
         raise JobError(
             f"A camera file of the kind {suffix or 'without a suffix'} is not understood", str(path),
-            f"one of {', '.join(SUFFIXES)}", "export one; `yesnt camera --blender-script` prints a script for Blender",
+            f"one of {', '.join(SUFFIXES)}, or a calibration of COLMAP, Qualisys or OpenCV", "export one; `yesnt camera --blender-script` prints a script for Blender",
         )  # fmt: skip
     return {path.stem: Camera.from_dict(readers[suffix](path, options), str(path))}
 
 
 def _of_json(path: Path, wanted: str | None) -> dict[str, Camera]:
     try:
-        several = "cameras" in json.loads(path.read_text(encoding="utf-8"))
+        data = json.loads(path.read_text(encoding="utf-8"))
+        several = "cameras" in data or is_transforms(data)
     except (OSError, ValueError, TypeError):
         several = False  # `Camera.open` says what is wrong
-    if not several:
-        return {path.stem: Camera.open(path)}
+    return _of_capture(path, wanted) if several else {path.stem: Camera.open(path)}
+
+
+def _of_capture(path: Path, wanted: str | None) -> dict[str, Camera]:
     found = {name: one.camera for name, one in read_cameras(path).items() if wanted in (None, name)}
     if not found:
         raise JobError(f"The file has no camera {wanted!r}", str(path), "a name of its cameras", "check its spelling")

@@ -1,0 +1,1 @@
+"""Calibrations of other programs: COLMAP, nerfstudio, Qualisys and OpenCV, each as the document of `cameras.json`."""

@@ -1,15 +1,20 @@
-"""Reads the picture and the matte of one camera of the capture."""
+"""Reads the picture and the matte of one camera of the capture: undistorted, straight, in the working space."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
+from yesnt.capture.files import MATTE, VIEW, camera_files, file_number
+from yesnt.capture.undistort import resampling, undistorted_camera
 from yesnt.core.camera import Camera
-from yesnt.core.capture_input import CAMERA, CaptureCameras
+from yesnt.core.camera_document import Lens
+from yesnt.core.capture_input import CaptureCameras
 from yesnt.core.color import straighten
 from yesnt.core.errors import JobError
 from yesnt.core.shot import Job, PlateInput
@@ -17,46 +22,69 @@ from yesnt.decompose.evidence.records import View
 from yesnt.io.cameras import CalibratedCamera
 from yesnt.io.color_statements import Statement
 from yesnt.io.job_colors import check_statement
-from yesnt.io.jobfile import frame_path
 from yesnt.io.pictures.association import PREMULTIPLIED, association
 from yesnt.io.pictures.channels import Channel
 from yesnt.io.pictures.decode_color import to_scene_linear
 from yesnt.io.pictures.image import ImageHeader, read_headers
 from yesnt.io.pictures.passes import ColorChannels, find_color, find_matte
 from yesnt.io.pictures.placed import read_placed
+from yesnt.io.video import is_video, read_picture, video_index
 
 F32 = NDArray[np.float32]
 
 
-def picture_patterns(capture: CaptureCameras, name: str) -> dict[str, str]:
-    """Patterns of a camera's files by role: `view`, and `view matte` if mattes have files of their own."""
-    patterns = {"view": capture.images, "view matte": capture.mattes}
-    return {role: pattern.replace(CAMERA, name) for role, pattern in patterns.items() if pattern is not None}
+@dataclass(frozen=True)
+class Picture:
+    """What a camera saw in a frame.
+
+    Attributes:
+        name: of the camera.
+        camera: without distortion, for this frame.
+        pose: what `Camera.pose` takes: the frame, or None of a camera at rest.
+        radiance: [H, W, 3] straight scene-linear colour in the working space; NaN where a pixel is damaged.
+        matte: [H, W] coverage in [0, 1]; None where no file holds it.
+    """
+
+    name: str
+    camera: Camera
+    pose: int | None
+    radiance: F32
+    matte: F32 | None
 
 
 def read_view(job: Job, name: str, calibrated: CalibratedCamera, frame: int) -> View:
-    """What a camera of the capture saw in a frame, in the working space; NaN where a pixel is damaged.
+    """What a camera of the capture saw in a frame, with its matte.
 
     Raises:
         JobError: the picture cannot be read, is of another size than its camera, or has no matte.
     """
-    capture, camera = _capture(job), calibrated.camera
-    files = {role: frame_path(job.root, pattern, frame) for role, pattern in picture_patterns(capture, name).items()}
-    sized, spec = _sized(job, camera), PlateInput(path=str(files["view"]))
-    headers = read_headers(files["view"])
-    found = find_color(headers, spec, "capture")
-    check_picture(name, camera, headers, found, capture)
-    *rgb, alpha = read_placed(sized, [*found.color, found.alpha or found.color[0]])
-    color = np.stack(rgb, axis=-1)
-    matte = alpha if "view matte" not in files else _separate_matte(sized, name, camera, files["view matte"])
-    matte = np.clip(np.nan_to_num(matte), 0, 1).astype(np.float32)
-    if found.alpha is not None and association(found, spec) == PREMULTIPLIED:
-        color = straighten(color, np.clip(np.nan_to_num(alpha), 0, 1).astype(np.float32))
+    found = read_camera_picture(job, name, calibrated, frame)
+    if found.matte is None:
+        raise _no_matte(name, str(camera_files(job.root, _capture(job), name, frame)[VIEW]))
+    return View(name, found.camera, found.pose, found.radiance, found.matte)
+
+
+def read_camera_picture(job: Job, name: str, calibrated: CalibratedCamera, frame: int) -> Picture:
+    """What a camera of the capture saw in a frame.
+
+    Raises:
+        JobError: the picture cannot be read, or is of another size than its camera.
+    """
+    capture = _capture(job)
+    files = camera_files(job.root, capture, name, frame)
+    stored = _stored(job, name, calibrated.camera, files, frame)
+    color, alpha, matte, camera = stored.color, stored.alpha, stored.matte, stored.camera
+    pose = calibrated.pose_of(frame)
+    if (taken := resampling(camera, pose, f"camera {name}")) is not None:
+        color, camera = taken.apply(color), undistorted_camera(camera, pose, taken)
+        alpha, matte = (None if part is None else taken.apply(part) for part in (alpha, matte))
+    if alpha is not None:
+        color = straighten(color, alpha)
     damaged = np.asarray(~np.isfinite(color).all(axis=-1))
     linear = to_scene_linear(np.where(damaged[..., None], 0, color).astype(np.float32), job.colors.capture)
     radiance = linear * np.array(calibrated.gain, np.float32)
     radiance[damaged] = np.nan
-    return View(name, camera, calibrated.pose_of(frame), radiance.astype(np.float32), matte)
+    return Picture(name, camera, pose, radiance.astype(np.float32), matte)
 
 
 def check_picture(
@@ -67,12 +95,9 @@ def check_picture(
     Raises:
         JobError: as said.
     """
-    _check_size(name, camera, found.color[0].header)
+    _fitted(name, camera, found.color[0].header.display.size, capture, headers[0].path)
     if found.alpha is None and capture.mattes is None:
-        raise JobError(
-            f"The pictures of camera {name} have no alpha, and `capture` names no mattes", headers[0].path,
-            'alpha, or `mattes: "capture/{camera}/matte.####.png"`', "add one of both",
-        )  # fmt: skip
+        raise _no_matte(name, headers[0].path)
 
 
 def check_files(job: Job, name: str, calibrated: CalibratedCamera, frame: int, first: Statement) -> None:
@@ -89,18 +114,56 @@ def check_files(job: Job, name: str, calibrated: CalibratedCamera, frame: int, f
         JobError: as `read_view`, or the picture states another colour space than the others.
     """
     capture = _capture(job)
-    files = {role: frame_path(job.root, pattern, frame) for role, pattern in picture_patterns(capture, name).items()}
-    headers = read_headers(files["view"])
-    found = find_color(headers, PlateInput(path=str(files["view"])), "capture")
-    check_picture(name, calibrated.camera, headers, found, capture)
-    check_statement(files["view"], job.shot, "capture", first)
-    if "view matte" in files:
-        _matte_channels(name, calibrated.camera, files["view matte"])
+    files = camera_files(job.root, capture, name, frame)
+    if is_video(files[VIEW]):
+        _check_video(name, calibrated.camera, files[VIEW], capture, frame)
+        if capture.mattes is None:
+            raise _no_matte(name, str(files[VIEW]))
+    else:
+        headers = read_headers(files[VIEW])
+        found = find_color(headers, PlateInput(path=str(files[VIEW])), "capture")
+        check_picture(name, calibrated.camera, headers, found, capture)
+        check_statement(files[VIEW], job.shot, "capture", first)
+    if MATTE in files and is_video(files[MATTE]):
+        _check_video(name, calibrated.camera, files[MATTE], capture, frame)
+    elif MATTE in files:
+        _matte_channels(name, calibrated.camera, files[MATTE], capture)
+
+
+def video_position(capture: CaptureCameras, name: str, frame: int) -> int:
+    """Position of a frame in a camera's video; 0 is its first picture."""
+    return file_number(capture, name, frame) - capture.first
+
+
+@dataclass(frozen=True)
+class _Stored:
+    """A picture as its file holds it: colour [H, W, 3], the alpha that it was multiplied by, coverage, its camera."""
+
+    color: F32
+    alpha: F32 | None
+    matte: F32 | None
+    camera: Camera
+
+
+def _stored(job: Job, name: str, camera: Camera, files: dict[str, Path], frame: int) -> _Stored:
+    capture, path = _capture(job), files[VIEW]
+    if is_video(path):
+        color = read_picture(path, video_position(capture, name, frame))
+        fitted = _fitted(name, camera, (color.shape[1], color.shape[0]), capture, str(path))
+        return _Stored(color, None, _separate_matte(job, name, fitted, files, frame), fitted)
+    headers, spec = read_headers(path), PlateInput(path=str(path))
+    found = find_color(headers, spec, "capture")
+    fitted = _fitted(name, camera, found.color[0].header.display.size, capture, headers[0].path)
+    *rgb, last = read_placed(_sized(job, fitted), [*found.color, found.alpha or found.color[0]])
+    alpha = None if found.alpha is None else np.clip(np.nan_to_num(last), 0, 1).astype(np.float32)
+    matte = _separate_matte(job, name, fitted, files, frame)
+    multiplied = alpha if alpha is not None and association(found, spec) == PREMULTIPLIED else None
+    return _Stored(np.stack(rgb, axis=-1), multiplied, alpha if matte is None else matte, fitted)
 
 
 def _capture(job: Job) -> CaptureCameras:
-    assert job.shot.captured is not None
-    return job.shot.captured
+    assert job.shot.capture is not None
+    return job.shot.capture
 
 
 def _sized(job: Job, camera: Camera) -> Job:
@@ -108,27 +171,96 @@ def _sized(job: Job, camera: Camera) -> Job:
     return job.model_copy(update={"width": camera.width, "height": camera.height, "raster": None})
 
 
-def _check_size(name: str, camera: Camera, header: ImageHeader) -> None:
-    if header.display.size != (camera.width, camera.height):
+def _fitted(name: str, camera: Camera, size: tuple[int, int], capture: CaptureCameras, path: str) -> Camera:
+    """The camera of pictures of a size: its own, or scaled and centred in them where the job says `resize: fit`.
+
+    Raises:
+        JobError: the sizes differ and the job does not say how.
+    """
+    if size == (camera.width, camera.height):
+        return camera
+    if capture.resize == "fit":
+        return scaled_camera(camera, size)
+    raise JobError(
+        f"The picture of camera {name} is {size[0]}x{size[1]}", path,
+        f"{camera.width}x{camera.height}, as the calibration says",
+        "undistort and scale pictures and calibration together, correct the calibration's width and height, or set "
+        "`resize: fit` if the whole picture was scaled into this frame and centred",
+    )  # fmt: skip
+
+
+def scaled_camera(camera: Camera, size: tuple[int, int]) -> Camera:
+    """The camera of its picture scaled as a whole into a frame of a size (width, height) and centred there."""
+    scale = min(size[0] / camera.width, size[1] / camera.height)
+    left, top = (0.5 * (now - scale * was) for now, was in zip(size, (camera.width, camera.height), strict=True))
+
+    def scaled(lens: Lens) -> Lens:
+        cx, cy = scale * lens.cx + left, scale * lens.cy + top
+        return Lens(scale * lens.fx, scale * lens.fy, cx, cy, lens.distortion)
+
+    own = scaled(Lens(camera.fx, camera.fy, camera.cx, camera.cy))
+    lenses = {frame: scaled(lens) for frame, lens in camera.lenses.items()}
+    width, height = size
+    return replace(
+        camera, width=width, height=height, fx=own.fx, fy=own.fy, cx=own.cx, cy=own.cy, lenses=MappingProxyType(lenses)
+    )
+
+
+def _no_matte(name: str, path: str) -> JobError:
+    return JobError(
+        f"The pictures of camera {name} have no alpha, and `capture` names no mattes", path,
+        'alpha, or `mattes: "capture/{camera}/matte.####.png"`', "add one of both",
+    )  # fmt: skip
+
+
+def _check_video(name: str, camera: Camera, path: Path, capture: CaptureCameras, frame: int) -> None:
+    """Refuses a video of another size than its camera, or without the frame."""
+    index, position = video_index(path), video_position(capture, name, frame)
+    _fitted(name, camera, (index.width, index.height), capture, str(path))
+    if not 0 <= position < len(index.stamps):
+        first = capture.first - capture.offsets.get(name, 0)
         raise JobError(
-            f"The picture of camera {name} is {header.display.width}x{header.display.height}", header.path,
-            f"{camera.width}x{camera.height}, as the calibration says",
-            "undistort and scale pictures and calibration together, or correct the calibration's width and height",
+            f"The video of camera {name} has no picture for frame {frame}", str(path),
+            f"frames {first} to {first + len(index.stamps) - 1}, since `capture.first` is {capture.first}",
+            "check `frames`, `capture.first` and `capture.offsets`",
         )  # fmt: skip
 
 
-def _matte_channels(name: str, camera: Camera, path: Path) -> tuple[Channel, ...]:
+def _matte_channels(name: str, camera: Camera, path: Path, capture: CaptureCameras) -> tuple[Channel, ...]:
     channels = find_matte(read_headers(path), None, "capture.mattes")
-    _check_size(name, camera, channels[0].header)
+    _fitted(name, camera, channels[0].header.display.size, capture, channels[0].header.path)
     return channels
 
 
-def _separate_matte(sized: Job, name: str, camera: Camera, path: Path) -> F32:
-    """Coverage [H, W] from a file of its own."""
-    first, *others = read_placed(sized, _matte_channels(name, camera, path))
-    if any(not np.array_equal(first, other) for other in others):
+def _separate_matte(job: Job, name: str, camera: Camera, files: dict[str, Path], frame: int) -> F32 | None:
+    """Coverage [H, W] in [0, 1] from a file of its own; None if there is none. `camera` is that of the picture."""
+    if MATTE not in files:
+        return None
+    capture, path = _capture(job), files[MATTE]
+    if is_video(path):
+        planes = list(np.moveaxis(read_picture(path, video_position(capture, name, frame)), -1, 0))
+        same = all(np.abs(planes[0] - other).max() < _GREY for other in planes[1:])
+        if planes[0].shape != (camera.height, camera.width):
+            raise _other_size(name, planes[0].shape, camera, path)
+    else:
+        channels = find_matte(read_headers(path), None, "capture.mattes")
+        if channels[0].header.display.size != (camera.width, camera.height):
+            raise _other_size(name, channels[0].header.display.size[::-1], camera, path)
+        planes = read_placed(_sized(job, camera), channels)
+        same = all(np.array_equal(planes[0], other) for other in planes[1:])
+    if not same:
         raise JobError(
             f"The matte of camera {name} has a red, green and blue that differ", str(path), "one grey channel",
             "export the matte as a grey picture",
         )  # fmt: skip
-    return first
+    return np.clip(np.nan_to_num(planes[0]), 0, 1).astype(np.float32)
+
+
+_GREY = 0.04  # largest difference between the colours of a grey video: chroma is coded apart from luma
+
+
+def _other_size(name: str, shape: tuple[int, ...], camera: Camera, path: Path) -> JobError:
+    return JobError(
+        f"The matte of camera {name} is {shape[1]}x{shape[0]}", str(path),
+        f"{camera.width}x{camera.height}, as its picture is", "export pictures and mattes at one size",
+    )  # fmt: skip

@@ -7,13 +7,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from yesnt.capture.choose import LEAST_CAMERAS, cameras_that_see, choose_cameras
-from yesnt.capture.pictures import picture_patterns
+from yesnt.capture.files import camera_files
 from yesnt.core.camera import Camera
 from yesnt.core.errors import JobError
 from yesnt.core.shot import Job
 from yesnt.decompose.settings import keyframe_after
-from yesnt.io.cameras import CalibratedCamera, read_cameras
-from yesnt.io.jobfile import frame_path
+from yesnt.io.cameras import CalibratedCamera, calibration_path, calibration_roles, cameras_of
 from yesnt.io.mesh import read_proxy
 
 
@@ -37,10 +36,10 @@ class CapturePlan:
         capture = job.shot.captured
         if capture is None or not self.views:
             return
-        yield frame_path(job.root, capture.cameras, 0)
+        yield from calibration_roles(job.root, capture).values()
         for frame, names in self.views.items():
             for name in names:
-                yield from (frame_path(job.root, p, frame) for p in picture_patterns(capture, name).values())
+                yield from camera_files(job.root, capture, name, frame).values()
 
 
 def plan_capture(job: Job, plate: Camera) -> CapturePlan:
@@ -55,8 +54,7 @@ def plan_capture(job: Job, plate: Camera) -> CapturePlan:
     if capture is None:
         return CapturePlan()
     assert job.shot.proxy is not None, "the job file's check"
-    file = frame_path(job.root, capture.cameras, 0)
-    cameras = read_cameras(file)
+    file, cameras = calibration_path(job.root, capture), cameras_of(job.root, capture)
     vertices = read_proxy(job, frames[0]).vertices
     centre = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
     positions = sorted({keyframe_after(p, len(frames), evidence.every) for p in range(len(frames))})

@@ -22,16 +22,27 @@ def _per_camera(pattern: str) -> str:
 CameraPattern = Annotated[str, AfterValidator(_per_camera)]
 
 
-class CaptureCameras(Part):
-    """The calibrated cameras of the capture: a `cameras.json`, and the pictures of each.
+Metres = Annotated[float, Field(gt=0, lt=1e6)]
 
-    `{camera}` stands for the camera's name. Without `mattes` the pictures' alpha is the matte.
+
+class CaptureCameras(Part):
+    """The calibrated cameras of the capture: a calibration (docs/capture.md), and the pictures or videos of each.
+
+    `{camera}` stands for the camera's name. Without `mattes` the pictures' alpha is the matte. `units` is the unit of
+    the calibration's lengths, or its metres; absent: as the file or its format says. `up` is the axis of its world that
+    points up. `first` is the frame number of a video's first picture; `offsets` says by how many frames a camera's
+    files are late. `resize: fit` says that pictures of another size than their camera's were scaled into it as a whole.
     """
 
     cameras: str
     images: CameraPattern
     mattes: CameraPattern | None = None
     colorspace: Colorspace = LIN_REC709
+    units: Literal["m", "cm", "mm"] | Metres | None = None
+    up: Literal["z", "-z", "y", "-y"] = "z"
+    first: int = 1
+    offsets: dict[str, int] = Field(default_factory=dict)
+    resize: Literal["none", "fit"] = "none"
 
     @property
     def path(self) -> str:

@@ -1,4 +1,4 @@
-"""Reads the calibrated cameras of a capture: `cameras.json`, or the calibration of another program (docs/capture.md)."""
+"""Reads the calibrated cameras of a capture: `cameras.json`, or another program's calibration (docs/capture.md)."""
 
 from __future__ import annotations
 
@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 from yesnt.core.camera import Camera
 from yesnt.core.camera_axes import UNITS
 from yesnt.core.camera_document import COMMENT_KEYS, REQUIRED_KEYS, refuse_unknown_keys
+from yesnt.core.capture_input import CaptureCameras
 from yesnt.core.errors import JobError
-from yesnt.io.calibrations.registry import calibration_of
+from yesnt.io.calibrations.registry import calibration_files, calibration_of
+from yesnt.io.jobfile import frame_path
 
 _EXPECTED = '{"axes", "units", "cameras": {"c00": {width, height, fx, ..., "world_from_camera": [16 numbers]}}}'
 _STILL = 0
@@ -88,13 +90,37 @@ def read_cameras(path: Path, world: World = FILE_WORLD) -> dict[str, CalibratedC
     if not isinstance(cameras, dict) or not cameras:
         raise JobError("The file names no cameras", str(path), _EXPECTED, "export it again")
     refuse_unknown_keys(data, ("axes", "units", "cameras", *COMMENT_KEYS), str(path))
-    common = {key: data[key] for key in ("axes", "units") if key in data}
+    common: dict[str, Any] = {key: data[key] for key in ("axes", "units") if key in data}
     found = {name: _camera(entry, common, f"{path}: camera {name}") for name, entry in cameras.items()}
     if world == FILE_WORLD:
         return found
     assumed = UNITS[common.get("units", "m")]
     scale = 1.0 if world.units is None else metres_of(world.units) / assumed
     return {name: _in_world(one, world.up, scale) for name, one in found.items()}
+
+
+def calibration_path(root: str, capture: CaptureCameras) -> Path:
+    """The file or folder of a job's calibration."""
+    return frame_path(root, capture.cameras, 0)
+
+
+def cameras_of(root: str, capture: CaptureCameras) -> dict[str, CalibratedCamera]:
+    """The cameras of a job's capture by name.
+
+    Raises:
+        JobError: as `read_cameras`.
+    """
+    return read_cameras(calibration_path(root, capture), World(capture.up, capture.units))
+
+
+def calibration_roles(root: str, capture: CaptureCameras) -> dict[str, Path]:
+    """The files of a job's calibration by role: `cameras`, then `cameras 1` and so on.
+
+    Raises:
+        JobError: there is no calibration.
+    """
+    files = calibration_files(calibration_path(root, capture))
+    return {f"cameras {number}" if number else "cameras": file for number, file in enumerate(files)}
 
 
 def _in_world(one: CalibratedCamera, up: str, scale: float) -> CalibratedCamera:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from yesnt.capture.files import pattern_file
 from yesnt.core.capture_input import CAMERA
 from yesnt.core.color_spaces import (
     INTEROP_OF,
@@ -23,12 +24,13 @@ from yesnt.core.color_spaces import (
 )
 from yesnt.core.errors import JobError
 from yesnt.core.shot import Job, PlateInput, Shot
-from yesnt.io.cameras import read_cameras
+from yesnt.io.cameras import cameras_of
 from yesnt.io.color_config import convert, locate_config
 from yesnt.io.color_statements import PROBES, StatedSpaces, Statement
 from yesnt.io.jobfile import frame_path
 from yesnt.io.pictures.image import read_headers
 from yesnt.io.pictures.passes import find_color
+from yesnt.io.video import is_video
 
 Float64 = NDArray[np.float64]
 
@@ -48,7 +50,8 @@ def resolve_colors(shot: Shot, root: str, frames: Sequence[int]) -> tuple[Shot, 
 def first_statements(job: Job) -> dict[str, Statement]:
     """What the first frame's files say of their colours, by role."""
     patterns, first = _patterns(job.shot, job.root), job.frames[0]
-    return {role: _statement(frame_path(job.root, path, first), job.shot, role) for role, path in patterns.items()}
+    files = {role: _first_file(job.root, role, path, first) for role, path in patterns.items()}
+    return {role: _statement(path, job.shot, role) for role, path in files.items()}
 
 
 def check_statement(path: Path, shot: Shot, role: str, first: Statement) -> None:
@@ -66,6 +69,8 @@ def check_statement(path: Path, shot: Shot, role: str, first: Statement) -> None
 
 def _statement(path: Path, shot: Shot, role: str) -> Statement:
     """What the part of a file that holds the colour says of it."""
+    if is_video(path):
+        return Statement(integer=True)  # what its stream says of matrix and range is undone when it is read
     section = getattr(shot, role)
     layer = getattr(section, "layer", None)
     spec = section if isinstance(section, PlateInput) else PlateInput(path=str(path), layer=layer)
@@ -77,9 +82,14 @@ def _patterns(shot: Shot, root: str) -> Mapping[str, str]:
     sections = {role: getattr(shot, role) for role in ROLES if role != "capture"}
     found = {role: section.path for role, section in sections.items() if section is not None and section.path}
     if shot.captured is not None:
-        first = next(iter(read_cameras(frame_path(root, shot.captured.cameras, 0))))
+        first = next(iter(cameras_of(root, shot.captured)))
         found["capture"] = shot.captured.path.replace(CAMERA, first)
     return found
+
+
+def _first_file(root: str, role: str, pattern: str, first: int) -> Path:
+    """The file of a role's first frame; those of a capture may have the number in their folders."""
+    return pattern_file(root, pattern, first) if role == "capture" else frame_path(root, pattern, first)
 
 
 class _Resolver:
@@ -111,7 +121,7 @@ class _Resolver:
 
     def _input_space(self, role: str, pattern: str) -> str:
         """The space of a sequence: what the job says, which the files must not contradict, or what the files say."""
-        section, path = getattr(self._shot, role), frame_path(self._root, pattern, self._first)
+        section, path = getattr(self._shot, role), _first_file(self._root, role, pattern, self._first)
         statement = _statement(path, self._shot, role)
         if "colorspace" in section.model_fields_set:
             space = self._spaces.canonical(section.colorspace, f"{role}.colorspace")

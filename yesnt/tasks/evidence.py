@@ -9,16 +9,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.capture.pictures import picture_patterns, read_view
+from yesnt.capture.files import camera_files
+from yesnt.capture.pictures import read_view
 from yesnt.decompose.evidence.records import FrameEvidence, View
 from yesnt.decompose.evidence.settings import EvidenceSettings
 from yesnt.decompose.reuse import Link, propagate_keyframe
-from yesnt.io.cameras import CalibratedCamera, read_cameras
-from yesnt.io.jobfile import frame_path
+from yesnt.io.calibrations.registry import calibration_files
+from yesnt.io.cameras import CalibratedCamera, World, calibration_path, calibration_roles, read_cameras
 from yesnt.planning import settings as of
 from yesnt.planning.stages import DECOMPOSE, EVIDENCE, FLOW
 from yesnt.planning.task_records import CarryEvidenceTask, MeasureTask
-from yesnt.tasks.inputs import prove_input, read_checked
+from yesnt.tasks.inputs import prove_input
 from yesnt.tasks.light import LightFiles, captured_light
 from yesnt.tasks.workspace import Workspace
 
@@ -66,19 +67,25 @@ def _views(space: Workspace[MeasureTask]) -> list[View]:
     job, frame, known = space.job, space.frame, space.node.inputs
     capture = job.shot.captured
     assert capture is not None
-    calibrated = _cameras(frame_path(job.root, capture.cameras, 0), known["cameras"])
+    roles = calibration_roles(job.root, capture)
+    digests = tuple(known[role] for role in roles)
+    calibrated = _cameras(calibration_path(job.root, capture), World(capture.up, capture.units), digests)
     views = []
     with space.clock.reading_time():
         for name in space.task.cameras:
             views.append(read_view(job, name, calibrated[name], frame))
-            for role, pattern in picture_patterns(capture, name).items():
-                prove_input(frame_path(job.root, pattern, frame), known[f"{role} {name}"])
+            for role, path in camera_files(job.root, capture, name, frame).items():
+                prove_input(path, known[f"{role} {name}"])
     return views
 
 
 @lru_cache(maxsize=2)
-def _cameras(path: Path, digest: str) -> Mapping[str, CalibratedCamera]:
-    return read_checked(path, digest, lambda: read_cameras(path))
+def _cameras(path: Path, world: World, digests: tuple[str, ...]) -> Mapping[str, CalibratedCamera]:
+    """The cameras of a calibration whose files have these digests."""
+    found = read_cameras(path, world)
+    for file, digest in zip(calibration_files(path), digests, strict=True):
+        prove_input(file, digest)
+    return found
 
 
 def carry_materials(space: Workspace[CarryEvidenceTask]) -> None:

@@ -49,7 +49,9 @@ def test_the_camera_verb_shows_any_calibration(tmp_path, form) -> None:
     assert list(read_cameras_of(path, ImportOptions())) == list(cameras)
 
 
-@pytest.mark.parametrize(("form", "count"), [("colmap text", 2), ("opencv files", 3), ("opencv pair", 2), ("qualisys", 1)])
+@pytest.mark.parametrize(
+    ("form", "count"), [("colmap text", 2), ("opencv files", 3), ("opencv pair", 2), ("qualisys", 1)]
+)
 def test_all_files_of_a_calibration_count(tmp_path, form, count) -> None:
     path, _ = written(tmp_path, form)
     assert len(calibration_files(path)) == count
@@ -110,7 +112,9 @@ def test_a_camera_model_without_counterpart_is_refused(tmp_path) -> None:
     path, _ = written(tmp_path, "colmap text", "none")
     file = path / "cameras.txt"
     file.write_text(file.read_text().replace("1 PINHOLE 640 480", "1 FOV 640 480 0.9"))
-    with pytest.raises(JobError, match=r"camera model FOV with 5 parameters cannot be used.*cameras.txt, line 2.*undistort"):
+    with pytest.raises(
+        JobError, match=r"camera model FOV with 5 parameters cannot be used.*cameras.txt, line 2.*undistort"
+    ):
         read_cameras(path)
 
 
@@ -164,7 +168,9 @@ def test_an_opencv_file_without_a_pose_is_refused(tmp_path) -> None:
 def test_matrices_of_ros_are_read(tmp_path) -> None:
     path, cameras = written(tmp_path, "opencv files")
     for file in path.glob("*.yml"):
-        plain = file.read_text().replace(" !!opencv-matrix", "").replace("   dt: d\n", "").removeprefix("%YAML:1.0\n---\n")
+        plain = (
+            file.read_text().replace(" !!opencv-matrix", "").replace("   dt: d\n", "").removeprefix("%YAML:1.0\n---\n")
+        )
         file.write_text(plain)
     assert np.allclose(
         read_cameras(path)["cam3"].camera.project(rigs.POINTS), rigs.projections(cameras)["cam3"], atol=1e-6

@@ -86,9 +86,7 @@ def _merged(name: str, pictures: Sequence[tuple[str, Document]], where: str) -> 
                 f"Camera {name} has several poses, and its pictures do not number the frames", f"{where}: {stem}",
                 "names that end in the frame's number, or one pose", "rename the pictures and calibrate again",
             )  # fmt: skip
-        frames[str(int(number[1]))] = {
-            key: value for key, value in entry.items() if key not in ("width", "height")
-        }
+        frames[str(int(number[1]))] = {key: value for key, value in entry.items() if key not in ("width", "height")}
     size = {key: first[key] for key in ("width", "height")}
     return size | {"frames": dict(sorted(frames.items(), key=lambda item: int(item[0])))}
 

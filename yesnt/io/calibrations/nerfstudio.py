@@ -43,7 +43,11 @@ def read_transforms(path: Path) -> Document:
     entries = []
     for number, frame in enumerate(data["frames"]):
         where = f"{path}: frames[{number}]"
-        if not isinstance(frame, dict) or "transform_matrix" not in frame or not isinstance(frame.get("file_path"), str):
+        if (
+            not isinstance(frame, dict)
+            or "transform_matrix" not in frame
+            or not isinstance(frame.get("file_path"), str)
+        ):
             raise JobError("The frame has no picture or no pose", where, "file_path and transform_matrix", "mend it")
         lens = _lens({key: value for key, value in data.items() if key != "frames"} | frame, where)
         pose = np.asarray(frame["transform_matrix"], dtype=np.float64)

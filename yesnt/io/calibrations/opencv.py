@@ -55,9 +55,7 @@ def read_opencv(path: Path) -> Document:
     if isinstance(names, list):
         cameras = {str(name): _entry(_named(merged, str(name)), f"{path}: camera {name}") for name in names}
     else:
-        cameras = {
-            file.stem: _entry(_plain(one), str(file)) for file, one in zip(files, stored, strict=True)
-        }
+        cameras = {file.stem: _entry(_plain(one), str(file)) for file, one in zip(files, stored, strict=True)}
     return {"axes": "opencv", "cameras": cameras}
 
 

@@ -49,9 +49,7 @@ def read_qualisys(path: Path) -> Document:
         try:
             cameras[name] = _entry(camera, where)
         except (KeyError, ValueError) as error:
-            raise JobError(
-                f"The camera lacks a number ({error})", where, _EXPECTED, "export it again"
-            ) from error
+            raise JobError(f"The camera lacks a number ({error})", where, _EXPECTED, "export it again") from error
     if not cameras:
         raise JobError("The calibration has no cameras", str(path), _EXPECTED, "export it again")
     return {"axes": "opengl", "units": "mm", "cameras": cameras}

@@ -77,7 +77,9 @@ def read_own(path: Path) -> Document:
 
 CALIBRATIONS = (
     Calibration("COLMAP", colmap.find_files, colmap.read_colmap),
-    Calibration("nerfstudio transforms.json", _transforms_file, lambda path: read_transforms(_transforms_file(path)[0])),
+    Calibration(
+        "nerfstudio transforms.json", _transforms_file, lambda path: read_transforms(_transforms_file(path)[0])
+    ),
     Calibration("cameras.json", _own_file, read_own),
     Calibration("Qualisys .qca.txt", _qualisys_file, read_qualisys),
     Calibration("OpenCV YAML", opencv.find_files, opencv.read_opencv),

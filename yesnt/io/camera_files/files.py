@@ -39,7 +39,8 @@ def read_cameras_of(path: Path, options: ImportOptions) -> dict[str, Camera]:
     if suffix not in readers:
         raise JobError(
             f"A camera file of the kind {suffix or 'without a suffix'} is not understood", str(path),
-            f"one of {', '.join(SUFFIXES)}, or a calibration of COLMAP, Qualisys or OpenCV", "export one; `yesnt camera --blender-script` prints a script for Blender",
+            f"one of {', '.join(SUFFIXES)}, or a calibration of COLMAP, Qualisys or OpenCV",
+            "export one; `yesnt camera --blender-script` prints a script for Blender",
         )  # fmt: skip
     return {path.stem: Camera.from_dict(readers[suffix](path, options), str(path))}
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from yesnt.capture.pictures import picture_patterns
+from yesnt.capture.files import camera_files
 from yesnt.core.shot import Shot
 from yesnt.decompose.evidence.settings import EvidenceSettings
+from yesnt.io.cameras import calibration_roles
 from yesnt.io.records import SharedSettings
 from yesnt.planning import settings as of
 from yesnt.planning.builders.assemble import frame_node, node_fields, node_keys
@@ -39,11 +40,13 @@ def _measured_node(plan: ShotPlan, graph: Graph, frame: int) -> Node:
     assert shot.captured is not None
     inputs = plan.plate_inputs(frame) | plan.inputs(
         frame, gbuffer=shot.gbuffer.path, proxy=shot.proxy.path if shot.proxy else None, camera=shot.camera,
-        capture=shot.capture_light.path if shot.capture_light else None, cameras=shot.captured.cameras,
+        capture=shot.capture_light.path if shot.capture_light else None,
     )  # fmt: skip
+    root = plan.job.root
+    inputs |= {role: plan.digests[str(path)] for role, path in calibration_roles(root, shot.captured).items()}
     for name in names:
-        found = plan.inputs(frame, **picture_patterns(shot.captured, name))
-        inputs |= {f"{role} {name}": digest for role, digest in found.items()}
+        files = camera_files(root, shot.captured, name, frame)
+        inputs |= {f"{role} {name}": plan.digests[str(path)] for role, path in files.items()}
     decomposed = graph.committer(DECOMPOSE, frame)
     fields = node_fields(
         plan, EVIDENCE, _settings(plan, frame), node_keys([decomposed]), inputs=inputs | probe_inputs(plan)

@@ -8,9 +8,8 @@ from dataclasses import asdict
 from yesnt.capture.pictures import check_files
 from yesnt.capture.plan import CapturePlan
 from yesnt.core.shot import Job
-from yesnt.io.cameras import read_cameras
+from yesnt.io.cameras import cameras_of
 from yesnt.io.color_statements import Statement
-from yesnt.io.jobfile import frame_path
 
 
 class CaptureChecks:
@@ -26,7 +25,7 @@ class CaptureChecks:
         capture = job.shot.captured
         assert capture is not None
         self._job, self._plan, self._first, self._section = job, plan, first, capture
-        self._cameras = read_cameras(frame_path(job.root, capture.cameras, 0))
+        self._cameras = cameras_of(job.root, capture)
 
     def depends(self, digests: dict[str, str]) -> Iterator[tuple[int, dict[str, object]]]:
         """Every frame that is measured, and what its check depends on."""

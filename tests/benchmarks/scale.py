@@ -1,34 +1,45 @@
-"""Where the driver and Dask's scheduler saturate: a whole cluster in one process, whose tasks only sleep.
+"""Where the driver and Dask's scheduler saturate: a whole cluster on this machine, whose tasks only sleep.
 
-    python tests/benchmarks/scale.py [--workers 8 64 512] [--scale 1 0.25] [--serial 3] [--plot scale.svg]
+    python tests/benchmarks/scale.py [--workers 8 64 512] [--scale 1 0.25] [--json FILE] [--plot FILE.svg]
+    python tests/benchmarks/scale.py --draw FILE.json --plot FILE.svg
 
 The graph is a real shot's, 4 frames a worker. A task sleeps for what its stage took in the embedded shot's records
 (`SECONDS`), times the scale. Two times are compared with the one that an engine without any cost would take, which
 hands out the same tasks in the same order:
 
-- measured: scheduler, driver and all workers in this process. They share its interpreter lock, so a real cluster
-  saturates later than this one.
-- predicted: each task takes `--serial` milliseconds of a driver and a scheduler that do one thing at a time, which is
-  what they took together on the cluster that `engine_overhead.py` measures.
+- measured: the driver in this process, the scheduler in one of its own, and all workers together in a third, which
+  share its interpreter lock and this machine's cores. A real cluster saturates later.
+- predicted: each task takes the processor time that the driver or the scheduler took for it, whichever took more; they
+  do one task after the other, and everything else is free.
 """
 
 from __future__ import annotations
 
 import argparse
+import asyncio
 import heapq
 import json
-import logging
+import subprocess
+import sys
+import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from tests.planning.long_shot import long_plan
-from yesnt.io.records import RecordBook
-from yesnt.planning.graph import Graph, Node, NodeId
-from yesnt.runtime.cluster.worker_settings import dask_settings
-from yesnt.runtime.driver.driver import Driver, DriverSettings
-from yesnt.runtime.driver.start_order import ReadyNodes
-from yesnt.workflows.shot import shot_graph
+import psutil
+
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT))
+
+from tests.planning.long_shot import long_plan  # noqa: E402
+from yesnt.io.records import RecordBook  # noqa: E402
+from yesnt.planning.graph import Graph, Node, NodeId  # noqa: E402
+from yesnt.runtime.cluster.worker_settings import dask_settings  # noqa: E402
+from yesnt.runtime.driver.driver import Driver, DriverSettings  # noqa: E402
+from yesnt.runtime.driver.start_order import ReadyNodes  # noqa: E402
+from yesnt.workflows.shot import shot_graph  # noqa: E402
 
 SECONDS = {
     "decompose": 2.0, "flow": 0.3, "confidence": 0.5, "solve": 1.0, "relight": 1.0, "composite": 0.15, "preview": 0.5,
@@ -36,6 +47,7 @@ SECONDS = {
 """Of a task, by stage: about the medians of the records of `make demo` (256x384) on one core."""
 
 FRAMES_PER_WORKER = 4
+SERVE = "--serve"
 
 
 def sleep(scale: float, node: Node) -> dict[str, Any]:
@@ -45,39 +57,65 @@ def sleep(scale: float, node: Node) -> dict[str, Any]:
     return {"seconds": seconds, "kernel_seconds": seconds, "peak_bytes": 0}
 
 
-def measure(workers: int, scale: float, serial: float, folder: Path) -> dict[str, float]:
+def measure(workers: int, scale: float, folder: Path) -> dict[str, float]:
     """Runs one shot on so many workers; returns what it took."""
     import dask
-    from distributed import Client, LocalCluster
+    from distributed import Client
+
+    from tests.benchmarks import scale as module  # by its name, which workers can import
 
     graph = shot_graph(long_plan(FRAMES_PER_WORKER * workers, chunk=64, halo=8, sweeps=2))
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
-    with (
-        dask.config.set(dask_settings()),
-        LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            processes=False,
-            protocol="inproc://",
-            dashboard_address=None,
-            memory_limit=0,
-            silence_logs=logging.CRITICAL,
-        ) as cluster,
-        Client(cluster, set_as_default=False) as client,
-    ):
-        client.wait_for_workers(workers)
-        driver = Driver(scale, graph, RecordBook(folder), sleep, DriverSettings())
-        driver.reuse()
-        began, used, own = time.perf_counter(), time.process_time(), time.thread_time()
-        outcome = driver.run(client)
-        wall = time.perf_counter() - began
-        used, own = time.process_time() - used, time.thread_time() - own
+    with dask.config.set(dask_settings()), processes(workers, folder) as (address, scheduler):
+        with Client(address, set_as_default=False) as client:
+            client.wait_for_workers(workers)
+            driver = Driver(scale, graph, RecordBook(folder), module.sleep, DriverSettings())
+            driver.reuse()
+            began, before, own = time.perf_counter(), scheduler.cpu_times(), time.process_time()
+            outcome = driver.run(client)
+            wall, after, own = time.perf_counter() - began, scheduler.cpu_times(), time.process_time() - own
     assert outcome.complete
-    best, predicted = schedule(graph, workers, scale, 0.0), schedule(graph, workers, scale, serial)
+    each = {"driver": own / len(graph), "scheduler": (sum(after[:2]) - sum(before[:2])) / len(graph)}
+    best, predicted = schedule(graph, workers, scale, 0.0), schedule(graph, workers, scale, max(each.values()))
     return {
         "workers": workers, "scale": scale, "tasks": len(graph), "wall": wall, "best": best, "predicted": predicted,
-        "tasks_per_second": len(graph) / wall, "driver_ms": 1e3 * own / len(graph), "all_ms": 1e3 * used / len(graph),
+        **{f"{name}_ms": 1e3 * seconds for name, seconds in each.items()},
     }  # fmt: skip
+
+
+@contextmanager
+def processes(workers: int, folder: Path) -> Iterator[tuple[str, psutil.Process]]:
+    """A scheduler and a process with all workers; yields the scheduler's address and its process."""
+    file = folder / "scheduler.json"
+    quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": ROOT}
+    words = ["--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file)]
+    scheduler = subprocess.Popen([sys.executable, "-m", "yesnt.runtime.cluster.scheduler", *words], **quiet)
+    try:
+        while not file.exists():
+            time.sleep(0.1)
+        address = json.loads(file.read_text())["address"]
+        others = subprocess.Popen(
+            [sys.executable, "-m", "tests.benchmarks.scale", SERVE, address, str(workers)], **quiet
+        )
+        try:
+            yield address, psutil.Process(scheduler.pid)
+        finally:
+            others.kill()
+            others.wait()
+    finally:
+        scheduler.kill()
+        scheduler.wait()
+
+
+async def serve(address: str, workers: int) -> None:
+    """Runs so many workers in this process."""
+    import dask
+    from distributed import Worker
+
+    dask.config.set(dask_settings())
+    started = [Worker(address, nthreads=1, memory_limit=0, dashboard=False, validate=False) for _ in range(workers)]
+    for worker in started:
+        await worker
+    await asyncio.gather(*(worker.finished() for worker in started))
 
 
 def schedule(graph: Graph, workers: int, scale: float, serial: float) -> float:
@@ -127,27 +165,31 @@ def plot(rows: list[dict[str, float]], path: Path) -> None:
 
 def main() -> None:
     """Command line."""
-    import tempfile
-
+    if sys.argv[1:2] == [SERVE]:
+        asyncio.run(serve(sys.argv[2], int(sys.argv[3])))
+        return
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--workers", type=int, nargs="+", default=[8, 64, 512])
     parser.add_argument("--scale", type=float, nargs="+", default=[1.0, 0.25])
-    parser.add_argument("--serial", type=float, default=3.0, help="milliseconds of driver and scheduler per task")
     parser.add_argument("--plot", type=Path)
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--draw", type=Path, help="what an earlier run wrote; nothing is measured")
     chosen = parser.parse_args()
+    if chosen.draw:
+        plot(json.loads(chosen.draw.read_text()), chosen.plot)
+        return
     rows = []
     for scale in chosen.scale:
         for workers in chosen.workers:
             with tempfile.TemporaryDirectory() as folder:
-                row = measure(workers, scale, chosen.serial / 1e3, Path(folder))
+                row = measure(workers, scale, Path(folder))
             rows.append(row)
             print(
                 f"{workers:4} workers, tasks x {scale:g}: {row['tasks']:.0f} tasks in {row['wall']:.1f} s; "
                 f"without engine {row['best']:.1f} s ({row['best'] / row['wall']:.0%}), "
                 f"predicted {row['predicted']:.1f} s ({row['best'] / row['predicted']:.0%}); "
-                f"{row['tasks_per_second']:.0f} tasks/s; "
-                f"processor per task: driver {row['driver_ms']:.2f} ms, all {row['all_ms']:.2f} ms",
+                f"{row['tasks'] / row['wall']:.0f} tasks/s; "
+                f"processor per task: driver {row['driver_ms']:.2f} ms, scheduler {row['scheduler_ms']:.2f} ms",
                 flush=True,
             )
     if chosen.json:

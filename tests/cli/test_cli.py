@@ -126,15 +126,20 @@ def test_logs_before_the_first_run_say_so(tmp_path: Path) -> None:
 
 
 def test_missing_frames_are_exit_3_and_named(tmp_path: Path) -> None:
-    path = write_tiny_shot(tmp_path / "shot", 2)
-    mark = path.parent / "out" / "run" / "dead" / "relight" / "1002.json"
-    mark.parent.mkdir(parents=True)
-    mark.write_text(json.dumps({"stage": "relight", "frame": 1002, "reason": "it killed two workers"}))
+    path = write_tiny_shot(tmp_path / "shot", 3)
+    marks = path.parent / "out" / "run" / "dead" / "relight"
+    marks.mkdir(parents=True)
+    for frame, reason in ((1002, "it killed two workers"), (1003, "skipped by ann@here")):
+        (marks / f"{frame}.json").write_text(json.dumps({"stage": "relight", "frame": frame, "reason": reason}))
     done = yesnt("run", path, "--workers", "1")
     assert done.returncode == 3, done.stderr
     assert "Missing: frame 1002 of relight: it killed two workers" in done.stdout
+    assert "Some frames are missing; `yesnt retry SHOT` tries them again." in done.stdout
+    assert "Frames that you skipped are left out; `yesnt retry SHOT --frames 1003` takes them" in done.stdout
     assert (path.parent / "out" / "exr" / "tiny.1001.exr").exists()
-    assert yesnt("retry", path, "--frames", "1002", "--workers", "1").returncode == 0
+    again = yesnt("retry", path, "--frames", "1002", "--workers", "1")
+    assert again.returncode == 3
+    assert "tries them again" not in again.stdout, "no frame was lost, one was skipped"
     assert (path.parent / "out" / "exr" / "tiny.1002.exr").exists()
 
 

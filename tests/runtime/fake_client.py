@@ -6,7 +6,7 @@ import asyncio
 import random
 import time
 from collections.abc import Callable
-from types import SimpleNamespace
+from concurrent.futures import Future
 from typing import Any
 
 import pytest
@@ -14,6 +14,7 @@ import pytest
 from yesnt.core.errors import ShortageError
 from yesnt.runtime.driver import attempt as attempt_module
 from yesnt.runtime.driver import driver as driver_module
+from yesnt.runtime.driver import scheduler_watch
 
 WORKERS = ("tcp://10.0.0.1:1", "tcp://10.0.0.2:1", "tcp://10.0.0.3:1")
 
@@ -30,12 +31,11 @@ class FakeClient:
         self._here, self._before, self._choice = "", before, random.Random(0)
         self.workers = {worker: 1 for worker in workers}
         self.ran: list[tuple[str, int, str]] = []
-        self.scheduler = SimpleNamespace(ncores=None)
         monkeypatch.setattr(attempt_module, "_own_address", lambda: self._here)
-        monkeypatch.setattr(driver_module, "Completions", FakeCompletions)
+        without_event_loop(monkeypatch)
 
-    def sync(self, call: Callable[[], Any] | None, callback_timeout: float) -> dict[Any, Any]:
-        return self.workers if call is None else asyncio.run(call())
+    def sync(self, call: Callable[[], Any], callback_timeout: float) -> dict[Any, Any]:
+        return asyncio.run(call())
 
     async def gather(self, futures: dict[int, Any], errors: str, asynchronous: bool) -> dict[int, Any]:
         return {i: future.result(1) for i, future in futures.items()}
@@ -53,6 +53,18 @@ class FakeClient:
             return _Future(attempt(watched, context, node), None)
         except Exception as error:
             return _Future(None, error)
+
+
+def without_event_loop(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The driver takes the ends of tasks from `status` of futures, and the workers from `workers` of its client."""
+
+    def ask(client: Any) -> Future[dict[str, int]]:
+        answer: Future[dict[str, int]] = Future()
+        answer.set_result(client.workers)
+        return answer
+
+    monkeypatch.setattr(driver_module, "Completions", FakeCompletions)
+    monkeypatch.setattr(scheduler_watch, "ask", ask)
 
 
 class FakeCompletions:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+from concurrent.futures import Future
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -9,13 +11,14 @@ import pytest
 from distributed.comm import CommClosedError
 
 from tests.fake_tasks import A, B, FakeTask, fake_task, runs_of
-from tests.runtime.fake_client import FakeClient, FakeCompletions
+from tests.runtime.fake_client import FakeClient, without_event_loop
 from yesnt.core.errors import ClusterLostError, UsageError
 from yesnt.core.shot import GBufferInput, Job, LightInput, PlateInput, Shot
 from yesnt.io.records import RecordBook
 from yesnt.planning.graph import Graph, Node
 from yesnt.runtime.cluster.open_cluster import open_cluster
 from yesnt.runtime.cluster.prepare_workers import prepare_plugin, prepare_workers
+from yesnt.runtime.driver import scheduler_watch
 from yesnt.runtime.driver.driver import Driver, DriverSettings, Outcome
 from yesnt.runtime.launchers.spec import ClusterSpec
 
@@ -177,9 +180,9 @@ def test_closure_keeps_only_what_targets_need() -> None:
 
 
 @pytest.fixture
-def fake_completions(monkeypatch: pytest.MonkeyPatch) -> None:
+def _without_event_loop(monkeypatch: pytest.MonkeyPatch) -> None:
     """Futures of this file's clients need no event loop."""
-    monkeypatch.setattr("yesnt.runtime.driver.driver.Completions", FakeCompletions)
+    without_event_loop(monkeypatch)
 
 
 class _LostFuture:
@@ -203,10 +206,9 @@ class _LostFuture:
 def client_whose_receipts(raise_or_return, monkeypatch: pytest.MonkeyPatch) -> FakeClient:
     """Runs tasks here; their receipts cannot be fetched."""
     client = FakeClient(monkeypatch, workers=("tcp://127.0.0.1:1",))
-    workers = client.workers
 
     def sync(call, callback_timeout: float):
-        return workers if call is None else raise_or_return()
+        return raise_or_return()
 
     monkeypatch.setattr(client, "sync", sync)
     return client
@@ -226,7 +228,7 @@ def test_a_scheduler_lost_while_it_hands_receipts_over_is_a_lost_cluster(job: Jo
     assert [e["event"] for e in events][:2] == ["start", "done"], "what was done is told all the same"
 
 
-@pytest.mark.usefixtures("fake_completions")
+@pytest.mark.usefixtures("_without_event_loop")
 def test_a_scheduler_lost_while_it_hands_an_error_over_is_a_lost_cluster(job: Job) -> None:
     class Unreachable(_LostFuture):
         status = "error"
@@ -236,8 +238,7 @@ def test_a_scheduler_lost_while_it_hands_an_error_over_is_a_lost_cluster(job: Jo
 
     client = SimpleNamespace(
         submit=lambda *args, **options: Unreachable(TimeoutError()),
-        scheduler=SimpleNamespace(ncores=None),
-        sync=lambda call, callback_timeout: {"worker": 1},
+        workers={"worker": 1},
     )
     with pytest.raises(ClusterLostError, match="run the same command again"):
         drive(job, chain(1), client)
@@ -293,7 +294,38 @@ def test_workers_that_never_stay_are_a_lost_cluster(monkeypatch: pytest.MonkeyPa
     assert len(gone.asked) == 1, "a scheduler that is gone is not asked again"
 
 
-@pytest.mark.usefixtures("fake_completions")
+def answering_once(workers: dict[str, int], monkeypatch: pytest.MonkeyPatch) -> None:
+    """A scheduler that says which workers there are, and answers no second time."""
+    first: Future[dict[str, int]] = Future()
+    first.set_result(workers)
+    answers = iter([first])
+    monkeypatch.setattr(scheduler_watch, "ask", lambda client: next(answers, Future()))
+    monkeypatch.setattr(scheduler_watch, "HEARTBEAT_SECONDS", 0.0)
+    monkeypatch.setattr(scheduler_watch, "LOSS_SECONDS", 0.3)
+
+
+def test_a_scheduler_too_busy_to_answer_is_not_lost_while_tasks_end(job: Job, monkeypatch) -> None:
+    client = FakeClient(monkeypatch, before=lambda node, worker: time.sleep(0.1), workers=("tcp://127.0.0.1:1",))
+    answering_once(client.workers, monkeypatch)
+    began = time.monotonic()
+    assert drive(job, chain(4), client).complete
+    assert time.monotonic() - began > 2 * scheduler_watch.LOSS_SECONDS
+
+
+@pytest.mark.usefixtures("_without_event_loop")
+def test_a_scheduler_that_neither_answers_nor_tells_of_ends_is_lost(job: Job, monkeypatch) -> None:
+    class Silent(_LostFuture):
+        status = "pending"
+
+    answering_once({"tcp://127.0.0.1:1": 1}, monkeypatch)
+    client = SimpleNamespace(submit=lambda *args, **options: Silent(RuntimeError()), sync=lambda *args, **options: {})
+    began = time.monotonic()
+    with pytest.raises(ClusterLostError, match=r"it does not answer.*run the same command again"):
+        drive(job, chain(1), client)
+    assert time.monotonic() - began < 5
+
+
+@pytest.mark.usefixtures("_without_event_loop")
 def test_a_run_waits_for_the_next_worker_and_says_so(job: Job, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("yesnt.runtime.driver.scheduler_watch.HEARTBEAT_SECONDS", 0.0)
     monkeypatch.setattr("yesnt.runtime.driver.scheduler_watch.ALONE_SECONDS", 0.2)
@@ -318,9 +350,7 @@ def test_a_run_waits_for_the_next_worker_and_says_so(job: Job, monkeypatch: pyte
         futures.append(Late(RuntimeError()))
         return futures[-1]
 
-    client = SimpleNamespace(
-        submit=submit, scheduler=SimpleNamespace(ncores=None), sync=lambda call, callback_timeout: workers
-    )
+    client = SimpleNamespace(submit=submit, workers=workers, sync=lambda call, callback_timeout: {})
     graph = Graph([Node(A, 0, (0,), {"a": 0})])
     driver = Driver(job, graph, RecordBook(Path(job.root) / "records"), fake_task, listen=listen)
     driver.reuse()
@@ -328,7 +358,7 @@ def test_a_run_waits_for_the_next_worker_and_says_so(job: Job, monkeypatch: pyte
     assert [e["event"] for e in events] == ["start", "waiting", "done"]
 
 
-@pytest.mark.usefixtures("fake_completions")
+@pytest.mark.usefixtures("_without_event_loop")
 def test_a_scheduler_without_workers_for_too_long_is_a_lost_cluster(job: Job) -> None:
     from distributed.scheduler import NoWorkerError
 
@@ -337,8 +367,7 @@ def test_a_scheduler_without_workers_for_too_long_is_a_lost_cluster(job: Job) ->
 
     client = SimpleNamespace(
         submit=lambda *args, **options: Unrunnable(NoWorkerError("a", 120)),
-        scheduler=SimpleNamespace(ncores=None),
-        sync=lambda call, callback_timeout: {},
+        workers={},
     )
     with pytest.raises(ClusterLostError, match=r"No worker has joined.*start workers"):
         drive(job, chain(1), client)

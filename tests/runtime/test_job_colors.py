@@ -197,6 +197,9 @@ def test_files_agree_are_converted_or_are_refused(
     said = outcome.refusal + " ".join(outcome.warnings)
     assert told in said
     assert bool(told) == bool(said)
+    if not outcome.refusal:
+        checks = Session(tmp_path / "s").checks
+        assert not [*checks.form(), *checks.content()], "how a file is read is told, and is nothing to be warned of"
 
 
 def test_all_files_of_a_sequence_say_the_same(tmp_path: Path) -> None:

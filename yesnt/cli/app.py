@@ -275,6 +275,7 @@ def _drive(session: object, options: object, json: bool) -> int:
                 "reused": len(result.outcome.reused),
                 "missing": missing,
                 "warnings": result.warnings,
+                "notes": list(result.notes),
                 "exr": str(session.output.exr),
                 "preview": str(session.output.run / "preview.mp4"),
                 "dashboard": result.dashboard,
@@ -283,16 +284,17 @@ def _drive(session: object, options: object, json: bool) -> int:
             }
         )
     else:
-        _print_result(session, result.warnings, missing)
+        text.print_findings(result.notes, result.warnings)
+        _print_result(session, missing)
     return 3 if missing else 0
 
 
-def _print_result(session: object, warnings: list[str], missing: list[dict[str, object]]) -> None:
+def _print_result(session: object, missing: list[dict[str, object]]) -> None:
+    from yesnt.core.frame_ranges import frame_ranges
+    from yesnt.io.dead_marks import SKIPPED
     from yesnt.runtime.session import Session
 
     assert isinstance(session, Session)
-    for warning in warnings:
-        print(f"Warning: {warning}")
     for row in missing:
         print(f"Missing: frame {row['frame']} of {row['stage']}: {row['why']}")
     from yesnt.report import write_report
@@ -302,8 +304,12 @@ def _print_result(session: object, warnings: list[str], missing: list[dict[str, 
     if (output.run / "preview.mp4").exists():
         print(f"Preview:      {output.run / 'preview.mp4'} and contact_sheet.png")
     print(f"Report:       {write_report(session)}")
-    if missing:
+    skipped = [row for row in missing if str(row["why"]).startswith(SKIPPED)]
+    if len(missing) > len(skipped):
         print("Some frames are missing; `yesnt retry SHOT` tries them again.")
+    if skipped:
+        frames = frame_ranges(int(str(row["frame"])) for row in skipped)
+        print(f"Frames that you skipped are left out; `yesnt retry SHOT --frames {frames}` takes them in again.")
 
 
 app.command("eval")(evaluate)

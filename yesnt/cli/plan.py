@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from yesnt.cli.text import gigabytes, print_table, seconds
+from yesnt.cli.text import gigabytes, print_findings, print_table, seconds
 from yesnt.inspect.forecast import Forecast
 
 
@@ -38,7 +38,4 @@ def print_plan(found: Forecast) -> None:
         print(f"Modelled: {line}.")
     for line in found.left_out:
         print(f"Left out: {line}.")
-    for line in found.notes:
-        print(f"Inputs: {line}.")
-    for line in found.warnings:
-        print(f"Warning: {line}")
+    print_findings(found.notes, found.warnings)

@@ -37,11 +37,15 @@ def drive_shared(session: Session, options: RunOptions, json: bool) -> int:
     result = run_shared(session, options) if json else run_shared(session, options, line_progress(megapixels))
     missing = [{"stage": str(s), "frame": f, "why": why} for (s, f), why in result.missing.items()]
     if json:
-        found: dict[str, Any] = {"done": len(result.outcome.done), "missing": missing, "warnings": result.warnings}
+        found: dict[str, Any] = {
+            "done": len(result.outcome.done),
+            "missing": missing,
+            "warnings": result.warnings,
+            "notes": list(result.notes),
+        }
         text.print_json({**found, "exr": str(session.output.exr)})
         return 3 if missing else 0
-    for warning in result.warnings:
-        print(f"Warning: {warning}")
+    text.print_findings(result.notes, result.warnings)
     for row in missing:
         print(f"Missing: frame {row['frame']} of {row['stage']}: {row['why']}")
     print(f"EXR sequence: {session.output.exr}")

@@ -26,6 +26,14 @@ def print_error(error: YesntError, as_json: bool) -> None:
             print(f"openjd_fail: {' '.join(str(error).split())}", flush=True)
 
 
+def print_findings(notes: Iterable[str], warnings: Iterable[str]) -> None:
+    """What the checks found of the inputs: how they are read, then what may be wrong."""
+    for line in notes:
+        print(f"Inputs: {line}.")
+    for line in warnings:
+        print(f"Warning: {line}")
+
+
 def print_json(document: Any) -> None:
     """One JSON document on stdout."""
     print(json_text(document), end="")

@@ -108,7 +108,7 @@ def forecast(session: Session) -> Forecast:
     index.save()
     chunks, left_out = plan.chunks, tuple(_left_out(session, terms))
     cut = len(plan.exchange.blocks), chunks.halo, plan.exchange.sweeps, len(chunks.bands)
-    told = tuple(handles(session.job)), tuple(session.checks.reads())
+    told = (*session.checks.notes, *handles(session.job)), tuple(session.checks.reads())
     return Forecast(rows, spent, *cut, left_out, modelled, tuple(warnings), *told)
 
 

@@ -9,6 +9,9 @@ from pathlib import Path
 from yesnt.core.stage_id import StageId
 from yesnt.io.durable import write_json
 
+SKIPPED = "skipped"
+"""How the reason of a mark begins that the user set."""
+
 Marks = dict[tuple[StageId, int], str]
 
 

@@ -44,6 +44,7 @@ class RunResult:
         outcome: of all passes over the graph.
         missing: (stage, frame) -> why it could not be made.
         warnings: of the input checks.
+        notes: how files are read where the job leaves it to them.
         output: the output folder.
         dashboard: address of the scheduler's dashboard; "" if no cluster was needed.
     """
@@ -51,6 +52,7 @@ class RunResult:
     outcome: Outcome = field(default_factory=Outcome)
     missing: dict[tuple[StageId, int], str] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
+    notes: tuple[str, ...] = ()
     output: Path = Path()
     dashboard: str = ""
 

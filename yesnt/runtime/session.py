@@ -172,7 +172,7 @@ class Session:
         graph = self.graph()
         wanted = graph.closure(self.targets(graph, options))  # wrong options are refused before anything is written
         warnings = self.checks.form()
-        result = RunResult(warnings=warnings, output=self.output.root)
+        result = RunResult(warnings=warnings, notes=self.checks.notes, output=self.output.root)
         forced = [parse_force(self.job, text) for text in options.force]
         index = self.open_index()
         with LazyCluster(where, worker_modules(self.job.shot)) as cluster:

@@ -76,12 +76,13 @@ class InputChecks:
         progress: called while pictures are decoded.
 
     Attributes:
+        notes: how files are read where the job leaves it to them; nothing to worry about.
         facts: what checks found, by what they read.
     """
 
     def __init__(self, resolved: Resolved, progress: Progress = no_progress) -> None:
         self._job, self._digests, self._progress = resolved.job, resolved.digests, progress
-        self._notes, self._capture = resolved.notes, resolved.capture
+        self.notes, self._capture = resolved.notes, resolved.capture
         self.facts = FactCache(OutputFolder.of(self._job).run / "facts.json")
         self._keys: dict[int, str] = {}
 
@@ -95,7 +96,7 @@ class InputChecks:
             JobError: as said.
         """
         job = self._job
-        warnings = [*self._notes, *_no_video(job), *raster_warnings(job, self._camera), *alpha_warnings(job)]
+        warnings = [*self._capture.notes, *_no_video(job), *raster_warnings(job, self._camera), *alpha_warnings(job)]
         warnings += list(_one_for_all(job))
         warnings += [f"camera: {odd}" for odd in oddities(self._camera, job.frames)] + list(light_warnings(job))
         for pattern in (job.shot.plate.path, job.shot.gbuffer.path):
@@ -302,13 +303,13 @@ def code_digest() -> str:
 
 
 def inspect(resolved: Resolved) -> list[str]:
-    """Makes all checks; returns warnings.
+    """Makes all checks; returns notes and warnings.
 
     Raises:
         JobError: an input or the output folder cannot be used.
     """
     checks = InputChecks(resolved)
-    return checks.form() + checks.content()
+    return [*checks.notes, *checks.form(), *checks.content()]
 
 
 def _one_for_all(job: Job) -> Iterable[str]:

@@ -100,7 +100,7 @@ def resolve(path: str | Path, accept_license: tuple[str, ...] = (), progress: Pr
     headers = FactCache(OutputFolder.of(job).run / "plate_headers.json")
     job = _with_raster(job, digests, camera, headers)
     headers.save()
-    return Resolved(job, digests, backend, (*notes, *capture.notes), capture, memory, headers)
+    return Resolved(job, digests, backend, notes, capture, memory, headers)
 
 
 def _with_raster(job: Job, digests: Mapping[str, str], camera: Camera, headers: FactCache) -> Job:

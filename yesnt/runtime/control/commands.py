@@ -9,7 +9,7 @@ from yesnt.core.shot import Shot
 from yesnt.core.stage_id import StageId
 from yesnt.inspect.run_view import RunView, look
 from yesnt.io.commands import Command, own_name, send_command
-from yesnt.io.dead_marks import DeadMarks
+from yesnt.io.dead_marks import SKIPPED, DeadMarks
 from yesnt.io.jobfile import load_shot, parse_frames
 from yesnt.io.output import OutputFolder
 
@@ -64,5 +64,5 @@ def skip(path: Path, frames: str, stage: str) -> tuple[RunView, tuple[int, ...]]
         send_command(output.commands, Command("skip", run.run, by, stage, chosen))
     else:
         with output.lock():
-            DeadMarks(output.dead).set(StageId(stage), chosen, f"skipped by {by}")
+            DeadMarks(output.dead).set(StageId(stage), chosen, f"{SKIPPED} by {by}")
     return run, chosen

@@ -36,7 +36,7 @@ def run_shared(session: Session, options: RunOptions, listen: Listener = lambda 
         YesntError: bad input, wrong options.
     """
     warnings = session.checks.form(beside_others=True) + session.checks.content()
-    result = RunResult(warnings=warnings, output=session.output.root)
+    result = RunResult(warnings=warnings, notes=session.checks.notes, output=session.output.root)
     result.missing = dict(session.marked_dead())
     plan, graph = session.plan(Missing(result.missing)), session.graph(Missing(result.missing))
     graph = graph.closure(session.targets(graph, options))

@@ -14,12 +14,13 @@ from typing import TYPE_CHECKING, Any, Protocol
 from yesnt.core.errors import LeaseLostError, MissingPartError, ShortageError, YesntError
 from yesnt.core.fault_points import fault_point
 from yesnt.core.stage_id import StageId
+from yesnt.io.dead_marks import SKIPPED
 from yesnt.io.durable import is_full
 from yesnt.io.records import RecordBook
 from yesnt.planning.graph import Graph, Node, NodeId
 from yesnt.runtime.driver.attempt import attempt, recorded, worker_of
 from yesnt.runtime.driver.completions import Completions
-from yesnt.runtime.driver.event_queue import FLUSH_SECONDS, EventQueue, Receipt
+from yesnt.runtime.driver.event_queue import EventQueue, Receipt
 from yesnt.runtime.driver.packed import Packed
 from yesnt.runtime.driver.scheduler_watch import SchedulerWatch, lost, no_worker_errors, received, without_workers
 from yesnt.runtime.driver.start_order import ReadyNodes
@@ -31,6 +32,9 @@ if TYPE_CHECKING:
 
 Task = Callable[[Any, Node], Receipt]
 Listener = Callable[[Mapping[str, Any]], None]
+
+WAIT_SECONDS = 0.5
+"""The driver looks around at least this often while no task ends."""
 
 
 @dataclass(frozen=True)
@@ -214,7 +218,7 @@ class Driver:
         return self._pools.has_room(stage, (i[0].name for i in self._running)) and self._supervisor.admit(stage)
 
     def _quarantine(self) -> bool:
-        return bool(self._suspects) or any(self._deaths.get(node_id) for node_id in self._running)
+        return bool(self._suspects) or any(node_id in self._running for node_id in self._deaths)
 
     def _submit(self, node_id: NodeId) -> None:
         node = self._graph.nodes[node_id]
@@ -236,7 +240,7 @@ class Driver:
     def _skip(self) -> None:
         """Gives up the nodes that the user wants to be left out."""
         for command in self._supervisor.take_skips():
-            frames, reason = frozenset(command.frames), f"skipped by {command.by}"
+            frames, reason = frozenset(command.frames), f"{SKIPPED} by {command.by}"
             nodes = [self._graph.nodes[i] for i in self._waiting if i[0].name == command.stage]
             for node in (node for node in nodes if not frames.isdisjoint(node.frames)):
                 if node.id not in self._waiting:
@@ -254,7 +258,8 @@ class Driver:
 
     def _collect(self) -> None:
         """Waits for a task to end and handles all that have ended."""
-        for node_id, future in self._finished.take(FLUSH_SECONDS if len(self._events) else 0.5):
+        for node_id, future in self._finished.take(WAIT_SECONDS):
+            self._watch.sign_of_life()
             self._take(node_id, future)
 
     def _take(self, node_id: NodeId, future: Any) -> None:

@@ -31,9 +31,6 @@ class EventQueue:
         self._waiting: list[tuple[dict[str, Any], Node | None, Any]] = []
         self._flushed = time.monotonic()
 
-    def __len__(self) -> int:
-        return len(self._waiting)
-
     def tell(self, event: str, node: Node, **facts: Any) -> None:
         """Adds an event of a task."""
         self._waiting.append((_event(event, node, facts), None, None))

@@ -49,6 +49,8 @@ class HostFailures:
         Returns:
             None if all may take it.
         """
+        if not self.blocked and node_id not in self._failed_on:
+            return None  # asked for every task: looking at hundreds of workers each time would cost more than the task
         allowed = [worker for worker in workers if host_of(worker) not in self.blocked]
         fresh = [worker for worker in allowed if host_of(worker) not in self._failed_on.get(node_id, ())]
         chosen = fresh or allowed

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection
+from concurrent.futures import CancelledError, Future
 from typing import TYPE_CHECKING, Any
 
 from yesnt.core.errors import ClusterLostError
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
 
 HEARTBEAT_SECONDS = 2.0
 LOSS_SECONDS = 8.0
-"""A scheduler that has not answered for this long is lost."""
+"""A scheduler that has neither answered nor told of a task's end for this long is lost."""
 
 GATHER_SECONDS = 0.02
 """Added to that for each result that is fetched."""
@@ -35,33 +36,43 @@ class SchedulerWatch:
 
     def __init__(self, client: Client, pools: WorkerPools) -> None:
         self._pools = pools
-        self._client, self._asked, self._answered = client, 0.0, time.monotonic()
+        self._client, self._asked, self._last_sign = client, 0.0, time.monotonic()
+        self._request: Future[Any] | None = None
         self._alone_since: float | None = None
         self._alone_told = False
         self.threads: dict[str, int] = {}
         """Worker threads by address, as the scheduler last said."""
 
     def refresh(self) -> None:
-        """Asks, if it is time.
+        """Asks, if it is time, and takes the answer to an earlier question; waits for the first answer only.
 
         Raises:
-            ClusterLostError: the scheduler does not answer.
+            ClusterLostError: the scheduler has given no sign of life for too long.
         """
         now = time.monotonic()
-        if now - self._asked < HEARTBEAT_SECONDS:
-            return
-        self._asked = now
+        if self._request is None and now - self._asked >= HEARTBEAT_SECONDS:
+            self._asked, self._request = now, ask(self._client)
+        if self._request is not None and (self._request.done() or not self.threads):
+            self._take_answer(self._request)
+            self._request = None
+        if time.monotonic() - self._last_sign > LOSS_SECONDS:
+            raise lost("it does not answer")
+
+    def sign_of_life(self) -> None:
+        """A task has ended: a scheduler that says so is not lost, however long its answers take."""
+        self._last_sign = time.monotonic()
+
+    def _take_answer(self, request: Future[Any]) -> None:
         try:
-            threads = self._client.sync(self._client.scheduler.ncores, callback_timeout=LOSS_SECONDS / 2)
-        except (OSError, TimeoutError, RuntimeError, ValueError, AttributeError):
-            if now - self._answered > LOSS_SECONDS / 2:
-                raise lost("it does not answer") from None
-        else:
-            self._answered = time.monotonic()
-            if self._pools.divided and threads.keys() != self.threads.keys():
-                self._pools.update(self._resources())
-            self.threads = dict(threads)
-            self._count(sum(self.threads.values()))
+            threads = request.result(LOSS_SECONDS / 2)
+        except (OSError, TimeoutError, RuntimeError, ValueError, AttributeError, CancelledError):
+            request.cancel()
+            return
+        self.sign_of_life()
+        if self._pools.divided and threads.keys() != self.threads.keys():
+            self._pools.update(self._resources())
+        self.threads = dict(threads)
+        self._count(sum(self.threads.values()))
 
     def _resources(self) -> dict[str, Any]:
         """What each worker offers."""
@@ -86,7 +97,15 @@ class SchedulerWatch:
         if threads:
             self._alone_since = None
         elif self._alone_since is None:
-            self._alone_since = self._answered
+            self._alone_since = self._last_sign
+
+
+def ask(client: Client) -> Future[Any]:
+    """Asks the scheduler for its workers; a busy one answers late, and the driver has other things to do meanwhile."""
+    import asyncio
+
+    request: Future[Any] = asyncio.run_coroutine_threadsafe(client.scheduler.ncores(), client.loop.asyncio_loop)
+    return request
 
 
 def host_of(worker: str) -> str:

@@ -1,6 +1,7 @@
 """The product in one sentence, as a graph.
 
-Keyframes, or windows of frames, are decomposed; flow links each frame to the next; frames between keyframes take their
+What a job takes from Gaussian fields is rendered and extracted first. Keyframes, or windows of frames, are decomposed;
+flow links each frame to the next; frames between keyframes take their
 keyframe's materials along the flow and sample what is missing; the cameras of a capture measure the materials;
 corrections by the artist are applied; each frame's confidence is weighed and the shot is solved along the flow, in
 chunks if it is long; each frame is relit and composited as soon as it is solved.
@@ -14,6 +15,7 @@ from yesnt.planning.builders.correct import correct_nodes
 from yesnt.planning.builders.decompose import full_frame_nodes, in_between_nodes, window_nodes
 from yesnt.planning.builders.evidence import evidence_nodes
 from yesnt.planning.builders.flow import flow_nodes
+from yesnt.planning.builders.gaussians import after_views, gaussian_nodes
 from yesnt.planning.builders.preview import preview_nodes, segment_nodes
 from yesnt.planning.builders.relight import relight_nodes
 from yesnt.planning.builders.solve import solve_nodes
@@ -24,15 +26,18 @@ from yesnt.planning.shot_plan import ShotPlan
 def shot_graph(plan: ShotPlan) -> Graph:
     """All nodes of a shot, needs first."""
     graph = Graph()
-    graph.extend(window_nodes(plan))
-    graph.extend(full_frame_nodes(plan, graph))
-    graph.extend(flow_nodes(plan))
-    graph.extend(in_between_nodes(plan, graph))
-    graph.extend(evidence_nodes(plan, graph))
-    graph.extend(correct_nodes(plan, graph))
+    graph.extend(gaussian_nodes(plan))
+    if plan.awaiting:
+        return graph
+    graph.extend(after_views(graph, window_nodes(plan)))
+    graph.extend(after_views(graph, full_frame_nodes(plan, graph)))
+    graph.extend(after_views(graph, flow_nodes(plan)))
+    graph.extend(after_views(graph, in_between_nodes(plan, graph)))
+    graph.extend(after_views(graph, evidence_nodes(plan, graph)))
+    graph.extend(after_views(graph, correct_nodes(plan, graph)))
     graph.extend(confidence_nodes(plan, graph))
     graph.extend(solve_nodes(plan, graph))
-    graph.extend(relight_nodes(plan, graph))
+    graph.extend(after_views(graph, relight_nodes(plan, graph)))
     graph.extend(composite_nodes(plan, graph))
     graph.extend(segment_nodes(plan, graph))
     graph.extend(preview_nodes(plan, graph))

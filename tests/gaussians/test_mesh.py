@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from tests.gaussians.scenes import camera_at, shell
-from yesnt.gaussians.mesh import MeshSettings, extract_mesh, largest_parts, smooth
+from yesnt.gaussians.mesh import extract_mesh, largest_parts, smooth
+from yesnt.gaussians.mesh_settings import MeshSettings
 from yesnt.gaussians.opacity import ellipsoids, opacity_at, opacity_reference
 from yesnt.gaussians.tetrahedra import march
 

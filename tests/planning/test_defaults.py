@@ -30,6 +30,7 @@ from yesnt.core.shot import (
 from yesnt.core.shot import TemporalInput as Temporal
 from yesnt.decompose.evidence.settings import EvidenceSettings
 from yesnt.decompose.settings import EnsembleSettings
+from yesnt.gaussians.mesh_settings import MeshSettings
 from yesnt.planning.stages import STAGES
 from yesnt.relight.settings import RelightSettings
 from yesnt.temporal import EnergyParams
@@ -38,6 +39,7 @@ from yesnt.temporal.flow import FlowSettings
 FILE = Path(__file__).with_name("defaults.json")
 
 SETTINGS: dict[str, tuple[type, ...]] = {
+    "mesh": (MeshSettings,),
     "decompose": (PlateInput, DecomposeInput, EnsembleSettings),
     "flow": (PlateInput, FlowInput, FlowSettings),
     "correct": (PlateInput, QuantityInput, MaterialInput),
@@ -87,7 +89,7 @@ def test_a_changed_default_raises_its_stages_version(stage: str) -> None:
 
 
 def test_all_stages_with_settings_of_their_own_are_watched() -> None:
-    assert set(SETTINGS) == set(STAGES) - {"window", "preview"}, "window has decompose's settings, preview has none"
+    assert set(SETTINGS) == set(STAGES) - {"view", "window", "preview"}, "window has decompose's, the others none"
 
 
 if __name__ == "__main__":

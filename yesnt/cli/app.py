@@ -12,6 +12,7 @@ from yesnt.cli import control, text
 from yesnt.cli.camera import camera
 from yesnt.cli.evaluate import evaluate
 from yesnt.cli.file_progress import FileProgress
+from yesnt.cli.gof import GofAction
 from yesnt.cli.share import drive_shared, refuse_with_share
 from yesnt.cli.trade import trade
 
@@ -238,6 +239,35 @@ def stage(
     from yesnt.cli.staging import drive_stage
 
     return drive_stage(sets, out, cache, small, workers, cluster)
+
+
+@app.command()
+def gof(
+    action: Annotated[GofAction, typer.Argument(metavar="render|mesh", help="pictures, or proxy meshes")],
+    shot: ShotArgument,
+    path: Annotated[
+        str | None, typer.Option(metavar="orbit|A,B,...", help="another camera: around, or by cameras of the capture")
+    ] = None,
+    views: Annotated[int, typer.Option(min=2, max=10_000, help="pictures along the path")] = 24,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="folder of the pictures along the path")] = None,
+    frames: FramesOption = None,
+    workers: ClusterWorkersOption = None,
+    cluster: ClusterOption = "local",
+    insecure: InsecureOption = False,
+    json: JsonOption = False,
+) -> int:
+    """Render Gaussian fields as plates and G-buffers, or extract their proxy meshes."""
+    from yesnt.cli.gof import path_of, render_path
+    from yesnt.runtime.launchers.spec import read_cluster
+    from yesnt.runtime.run_options import RunOptions
+    from yesnt.runtime.session import Session
+
+    along = path_of(action, path, views, out)
+    where = read_cluster(cluster, workers, insecure)
+    session = Session(shot, progress=FileProgress())
+    if along is not None:
+        return render_path(session, along, frames, json)
+    return _drive(session, RunOptions(frames, action.stage, where), json)
 
 
 @app.command()

@@ -10,6 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag,
 
 from yesnt.core.capture_input import CaptureCameras, EvidenceInput, refuse_unmeasurable
 from yesnt.core.color_spaces import LIN_REC709, WORKING, JobColors
+from yesnt.core.gaussian_input import GaussianInput, fill_from_field, is_made
 from yesnt.core.job_part import FIXED, Colorspace, Knob, Part
 from yesnt.core.keyframes import Numbers, number_at, numbers_at
 from yesnt.core.material_input import DecomposeInput, MaterialInput
@@ -236,6 +237,7 @@ class Shot(Part):
     proxy: ProxyInput | None = None
     decompose: DecomposeInput = DecomposeInput()
     materials: Annotated[tuple[MaterialInput, ...], Field(strict=False), BeforeValidator(lambda m: m or ())] = ()
+    gaussians: GaussianInput | None = None
     capture: CaptureCameras | None = None
     evidence: EvidenceInput = EvidenceInput()
     flow: FlowInput = FlowInput()
@@ -257,6 +259,18 @@ class Shot(Part):
     def captured(self) -> CaptureCameras | None:
         """The capture's cameras, if they may measure the materials."""
         return None if self.evidence.use is False else self.capture
+
+    @property
+    def made(self) -> tuple[str, ...]:
+        """Patterns of pictures and meshes that the run itself makes from the Gaussian fields, each once."""
+        proxy = self.proxy.path if self.proxy else None
+        patterns = dict.fromkeys(path for path in (self.plate.path, self.gbuffer.path, proxy) if path is not None)
+        return tuple(path for path in patterns if self.gaussians is not None and is_made(path, self.output))
+
+    @model_validator(mode="before")
+    @classmethod
+    def _filled(cls, data: Any) -> Any:
+        return fill_from_field(data)
 
     @model_validator(mode="after")
     def _measurable(self) -> Self:

@@ -10,35 +10,13 @@ from numpy.typing import NDArray
 
 from yesnt.core.camera import Camera
 from yesnt.gaussians.field import GaussianField
+from yesnt.gaussians.mesh_settings import MeshSettings
 from yesnt.gaussians.opacity import Ellipsoids, ellipsoids, opacity_at
 from yesnt.gaussians.tetrahedra import Crossing, march
 
 F64 = NDArray[np.float64]
 Cameras = Sequence[tuple[Camera, int | None]]
 """Cameras that looked at the subject, with the frame whose pose they have; None: their only one."""
-
-
-@dataclass(frozen=True)
-class MeshSettings:
-    """How a proxy mesh is made.
-
-    Attributes:
-        level: opacity at the surface.
-        box: half the side of a Gaussian's box, in standard deviations; its corners and centre are the points.
-        steps: bisections of each edge that the surface cuts.
-        least_opacity: Gaussians below it give no points.
-        least_part: components with a smaller share of the largest one's area are dropped.
-        smoothing: passes of Taubin's smoothing before the decimation.
-        triangles: at most.
-    """
-
-    level: float = 0.5
-    box: float = 3.0
-    steps: int = 8
-    least_opacity: float = 0.05
-    least_part: float = 0.02
-    smoothing: int = 0
-    triangles: int = 20_000
 
 
 @dataclass(frozen=True)
@@ -97,9 +75,9 @@ def _around(points: F64) -> F64:
 
 
 def bisect(points: F64, crossing: Crossing, shapes: Ellipsoids, cameras: Cameras, settings: MeshSettings) -> F64:
-    """Vertices [V, 3] moved along their edges to the level, by halving `steps` times."""
+    """Vertices [V, 3] moved along their edges to the level, by halving `bisections` times."""
     inside, outside = points[crossing.inside].copy(), points[crossing.outside].copy()
-    for _ in range(settings.steps):
+    for _ in range(settings.bisections):
         middle = 0.5 * (inside + outside)
         above = opacity_at(middle, shapes, cameras, settings.level) >= settings.level
         inside[above], outside[~above] = middle[above], middle[~above]

@@ -28,6 +28,10 @@ if TYPE_CHECKING:
     from yesnt.relight.scope import Requirement
 
 
+AWAITING = "gaussians: the stages that read the rendered pictures are planned once these are made; `run` does all"
+"""What a plan says of a job whose plates are still to be made from Gaussian fields."""
+
+
 @dataclass(frozen=True)
 class StageForecast:
     """One row of the plan.
@@ -96,11 +100,11 @@ def forecast(session: Session) -> Forecast:
     for state in states(session, graph, index):
         if state.state != DONE:
             reasons[StageId.parse(state.stage).name].append(state.why.split(";")[0])
-    used = {node.stage.name for node in graph}
-    planned = [name for name, row in STAGES.items() if name in used or not (row.in_lanes or row.optional)]
+    used, awaiting = {node.stage.name for node in graph}, session.resolved.awaiting
+    planned = [name for name, row in STAGES.items() if name in used or not (awaiting or row.in_lanes or row.optional)]
     progress = _Progress(graph, index)
     rows = tuple(_row(session, progress, stage, reasons[stage]) for stage in planned)
-    terms = _relight_terms(session)
+    terms = () if awaiting else _relight_terms(session)
     modelled = tuple(f"{term.term}: {term.reason}" for term in terms if term.modelled)
     spent = sampling_cost(session, graph, index)
     warnings += clamp_lines(session.job.frames, graph, index)
@@ -108,7 +112,8 @@ def forecast(session: Session) -> Forecast:
     index.save()
     chunks, left_out = plan.chunks, tuple(_left_out(session, terms))
     cut = len(plan.exchange.blocks), chunks.halo, plan.exchange.sweeps, len(chunks.bands)
-    told = (*session.checks.notes, *handles(session.job)), tuple(session.checks.reads())
+    notes = (*session.checks.notes, *handles(session.job), *((AWAITING,) if awaiting else ()))
+    told = notes, tuple(session.checks.reads())
     return Forecast(rows, spent, *cut, left_out, modelled, tuple(warnings), *told)
 
 

@@ -81,6 +81,8 @@ def _patterns(shot: Shot, root: str) -> Mapping[str, str]:
     """Patterns of the pictures by role; the first camera's speak for all cameras of the capture."""
     sections = {role: getattr(shot, role) for role in ROLES if role != "capture"}
     found = {role: section.path for role, section in sections.items() if section is not None and section.path}
+    if shot.plate.path in shot.made:  # rendered in linear Rec.709 by the run itself, perhaps not yet
+        del found["plate"]
     if shot.captured is not None:
         first = next(iter(cameras_of(root, shot.captured)))
         found["capture"] = shot.captured.path.replace(CAMERA, first)
@@ -103,6 +105,7 @@ class _Resolver:
         """See `resolve_colors`."""
         shot, color = self._shot, self._shot.color
         spaces = {role: self._input_space(role, pattern) for role, pattern in _patterns(shot, self._root).items()}
+        spaces.setdefault("plate", LIN_REC709)
         sections = {role: getattr(shot, role).model_copy(update={"colorspace": spaces[role]}) for role in spaces}
         output = self._output_space()
         inputs = {

@@ -14,6 +14,7 @@ from yesnt.core.shot import Shot
 if TYPE_CHECKING:
     from yesnt.decompose.registry import KnobSpec
     from yesnt.decompose.settings import EnsembleSettings
+    from yesnt.gaussians.mesh_settings import MeshSettings
     from yesnt.relight.settings import RelightSettings
     from yesnt.temporal.flow import FlowSettings
     from yesnt.temporal.params import EnergyParams
@@ -76,6 +77,14 @@ def relight_settings(shot: Shot) -> RelightSettings:
 
     refuse_former_names(shot.relight)
     return _build("relight", build, shot.relight, _fields(RelightSettings))
+
+
+def mesh_settings(shot: Shot) -> MeshSettings:
+    """How proxy meshes are extracted from Gaussian fields."""
+    from yesnt.gaussians.mesh_settings import MeshSettings
+
+    knobs = shot.gaussians.knobs if shot.gaussians else {}
+    return _build("gaussians.knobs", MeshSettings, knobs, _fields(MeshSettings))
 
 
 def _fields(record: Any) -> tuple[str, ...]:

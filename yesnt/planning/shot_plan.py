@@ -41,6 +41,7 @@ class ShotPlan:
         unlinked: frames whose flow is dead: the solver gets no link there.
         undelivered: frames whose relighting or chunk is dead.
         views: frame -> cameras of the capture that measure it; empty if none do (capture/plan.py).
+        awaiting: whether plates or what belongs to them are still to be made from Gaussian fields.
     """
 
     job: Job
@@ -51,6 +52,7 @@ class ShotPlan:
     unlinked: frozenset[int] = frozenset()
     undelivered: frozenset[int] = frozenset()
     views: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
+    awaiting: bool = False
 
     @cached_property
     def present(self) -> tuple[int, ...]:

@@ -78,6 +78,18 @@ class Stage:
 
 _ROWS = (
     Stage(
+        "mesh", 1, "frame", "Gaussian field, cameras of the capture (only jobs with Gaussians and no proxy)",
+        Cost(30.0, 0.0, 900, 0, 10), "#8c6d31",
+        {records.MeshTask: "yesnt.tasks.gaussians:extract_proxy"},
+        files=("proxy mesh (PLY, GLB)",), optional=True,
+    ),
+    Stage(
+        "view", 1, "frame", "Gaussian field, camera (only jobs with Gaussians and no plate or G-buffer)",
+        Cost(0.5, 2.0, 500, 200, 20), "#c7a252",
+        {records.ViewTask: "yesnt.tasks.gaussians:render_view"},
+        files=("plate and G-buffer (EXR)",), optional=True,
+    ),
+    Stage(
         "window", 2, "window of frames (video backends)", "plates",
         Cost(60.0, 2000.0, 4000, 60, 4), "#2f4b7c",
         {records.WindowTask: "yesnt.tasks.decompose:sample_window"},
@@ -160,7 +172,9 @@ STAGES = {row.name: row for row in _ROWS}
 FORMER_ARRAYS = ("evaluations",)
 """Arrays of the store in outputs of older versions; a run removes them."""
 
-WINDOW, DECOMPOSE, FLOW, EVIDENCE, CORRECT, CONFIDENCE, SOLVE, RELIGHT, COMPOSITE, PREVIEW = map(StageId, STAGES)
+(
+    MESH, VIEW, WINDOW, DECOMPOSE, FLOW, EVIDENCE, CORRECT, CONFIDENCE, SOLVE, RELIGHT, COMPOSITE, PREVIEW,
+) = map(StageId, STAGES)  # fmt: skip
 
 SEGMENT = StageId("preview", part="segment")
 """Segments of the preview video."""

@@ -43,6 +43,16 @@ class Gaps:
 
 
 @dataclass(frozen=True)
+class MeshTask(TaskRecord):
+    """Extracts the proxy mesh of one frame's Gaussian field."""
+
+
+@dataclass(frozen=True)
+class ViewTask(TaskRecord):
+    """Renders one frame's Gaussian field for the shot's camera."""
+
+
+@dataclass(frozen=True)
 class WindowTask(TaskRecord):
     """Samples the materials of all frames of a node together (video backends).
 

@@ -10,6 +10,7 @@ from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import Any
 
+from yesnt.core.errors import JobError
 from yesnt.core.job_progress import Progress, no_progress
 from yesnt.core.stage_id import StageId
 from yesnt.io.color_config import convert
@@ -22,6 +23,7 @@ from yesnt.io.record_index import RecordIndex
 from yesnt.io.records import RecordBook
 from yesnt.io.store import FrameStore
 from yesnt.planning import settings as of
+from yesnt.planning.builders.gaussians import gaussian_nodes
 from yesnt.planning.chunks import ChunkPlan, Extent, fits_whole, matte_extent, plan_chunks
 from yesnt.planning.frame_grid import DEAD, FrameGrid
 from yesnt.planning.graph import Graph, NodeId, stage_counts
@@ -55,6 +57,9 @@ from yesnt.workflows.shot import shot_graph
 
 Listener = Callable[[Mapping[str, Any]], None]
 
+MAKERS = ("mesh", "view")
+"""Stages that make what other stages read as input files."""
+
 
 @dataclass(frozen=True)
 class Missing:
@@ -79,14 +84,44 @@ class Session:
     def __init__(
         self, path: str | Path, accept_license: tuple[str, ...] = (), progress: Progress = no_progress
     ) -> None:
-        self.resolved: Resolved = resolve(path, accept_license, progress)
+        self._resolve = partial(resolve, path, accept_license, progress)
         self.progress = progress
-        self.job = self.resolved.job
+        self._take(self._resolve())
+        if self.job.shot.made and not self.resolved.awaiting and not self._views_are_made():
+            self._take(self._resolve(awaiting=True))
+
+    def _take(self, resolved: Resolved) -> None:
+        """Takes a job as it is resolved now, and forgets what was derived from it as it was before."""
+        self.resolved, self.job = resolved, resolved.job
         self.output = OutputFolder.of(self.job)
         self.book = RecordBook(self.output.records, self.output.root)
+        for name in ("checks", "chunks"):
+            self.__dict__.pop(name, None)
         # A plan and a graph are the same as long as the same frames are missing; building a long shot's takes seconds.
         self._plan_without = lru_cache(maxsize=1)(self._make_plan)
         self._graph_without = lru_cache(maxsize=1)(lambda *lost: shot_graph(self._plan_without(*lost)))
+
+    def _views_are_made(self) -> bool:
+        """Whether all that the run makes from Gaussian fields is there and up to date."""
+        index = self.open_index()
+        return all(is_done(index, node) for node in gaussian_nodes(self.plan()))
+
+    def look_again(self) -> None:
+        """Resolves the job once more, after pictures that it reads were made."""
+        self._take(self._resolve())
+
+    def refuse_awaiting(self) -> None:
+        """Refuses a job whose plates are still to be made from Gaussian fields, for verbs that read plates.
+
+        Raises:
+            JobError: as said.
+        """
+        if self.resolved.awaiting:
+            raise JobError(
+                "The plates of this job are rendered from Gaussian fields, and that is not done yet",
+                f"{self.output.root}: {', '.join(self.job.shot.made)}", "pictures that are made and up to date",
+                "`yesnt gof render SHOT`, or `yesnt run SHOT`, makes them",
+            )  # fmt: skip
 
     @cached_property
     def checks(self) -> InputChecks:
@@ -134,7 +169,7 @@ class Session:
         absent, unlinked, undelivered = lost
         return ShotPlan(
             self.job, resolved.digests, resolved.backend, self.chunks, absent, unlinked, undelivered,
-            resolved.capture.views,
+            resolved.capture.views, resolved.awaiting,
         )  # fmt: skip
 
     def targets(self, graph: Graph, options: RunOptions) -> list[NodeId]:
@@ -145,6 +180,8 @@ class Session:
         """
         check_stage(options.until, "--until")
         wanted = set(wanted_frames(self.job, options.frames))
+        if self.resolved.awaiting and options.until not in MAKERS:
+            return [n.id for n in graph]  # what follows needs all frames
         last = options.until or ("preview" if options.frames is None else "composite")
         if last in ("preview", "composite") and not wanted.isdisjoint(self.job.frames):
             chosen = [n.id for n in graph if n.stage.label == last and not wanted.isdisjoint(n.frames)]
@@ -206,12 +243,24 @@ class Session:
             forget_with_users(self.graph(), self.book, force)
         self.output.exr.mkdir(parents=True, exist_ok=True)
         run.result.missing = dict(self.marked_dead())
-        while self._pass(run):
-            pass
+        self._drive(run)
         run.supervisor.confirm()
         self._index_records(run.index)
         sweep_transients(self.graph(), run.index, self.output)
         run.result.warnings += clamp_lines(self.job.frames, self.graph(), run.index)
+
+    def _drive(self, run: _Run) -> None:
+        """All passes; what is made from Gaussian fields comes first, since nothing is known of it before."""
+        if self.resolved.awaiting:
+            while self._pass(run):
+                pass
+            if run.result.missing or run.options.until in MAKERS:
+                return
+            self.look_again()
+            run.result.warnings = self.checks.form(beside_others=True) + self.checks.content()
+            self.remember()
+        while self._pass(run):
+            pass
 
     def _supervisor(self, log: RunLog, lease: Lease, options: RunOptions, tell: Listener) -> Supervisor:
         """Watches the run's commands, its lease, and that there is room for the frames under way."""

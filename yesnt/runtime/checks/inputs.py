@@ -42,6 +42,7 @@ from yesnt.runtime.checks.capture import CaptureChecks
 from yesnt.runtime.checks.consistency.coded import refuse_coded_alpha
 from yesnt.runtime.checks.consistency.contradictions import contradictions
 from yesnt.runtime.checks.corrections import CorrectionChecks, correction_facts, corrections_of
+from yesnt.runtime.checks.fields import check_field, check_views
 from yesnt.runtime.checks.light import light_warnings
 from yesnt.runtime.checks.preflight import READERS, Resolved
 
@@ -82,7 +83,7 @@ class InputChecks:
 
     def __init__(self, resolved: Resolved, progress: Progress = no_progress) -> None:
         self._job, self._digests, self._progress = resolved.job, resolved.digests, progress
-        self.notes, self._capture = resolved.notes, resolved.capture
+        self.notes, self._capture, self._awaiting = resolved.notes, resolved.capture, resolved.awaiting
         self.facts = FactCache(OutputFolder.of(self._job).run / "facts.json")
         self._keys: dict[int, str] = {}
 
@@ -96,11 +97,14 @@ class InputChecks:
             JobError: as said.
         """
         job = self._job
-        warnings = [*self._capture.notes, *_no_video(job), *raster_warnings(job, self._camera), *alpha_warnings(job)]
-        warnings += list(_one_for_all(job))
+        warnings = [*self._capture.notes, *_no_video(job), *raster_warnings(job, self._camera)]
+        warnings += list(_one_for_all(job)) if self._awaiting else [*alpha_warnings(job), *_one_for_all(job)]
+        if job.shot.made:
+            check_views(job, self._camera)
         warnings += [f"camera: {odd}" for odd in oddities(self._camera, job.frames)] + list(light_warnings(job))
-        for pattern in (job.shot.plate.path, job.shot.gbuffer.path):
-            for frame in (frame for frame in job.frames if not self.facts.knows(self._frame_key(frame))):
+        made = job.shot.made if self._awaiting else ()
+        for pattern in (one for one in (job.shot.plate.path, job.shot.gbuffer.path) if one not in made):
+            for frame in (frame for frame in job.frames if made or not self.facts.knows(self._frame_key(frame))):
                 check_fits(job, read_header(frame_path(job.root, pattern, frame)))
         output = OutputFolder.of(job)
         output.refuse_inputs(job.shot.name, job.frames, self._digests)
@@ -117,6 +121,8 @@ class InputChecks:
         """
         counts, corrections = Counter[str](), CorrectionChecks(self._job)
         try:
+            if self._awaiting:
+                return [*self._before_views(), *self._maps()]
             self._check_capture()
             for done, found in enumerate(parallel_map(self._frame, self._job.frames, READERS), 1):
                 counts += Counter(found["counts"])
@@ -126,6 +132,21 @@ class InputChecks:
             return [*warnings, *corrections.warnings(), *self._maps(), *self._contradictions()]
         finally:
             self.facts.save()
+
+    def _before_views(self) -> Iterable[str]:
+        """Reads what is known before plates, G-buffers or proxies are made from fields."""
+        job, gaussians = self._job, self._job.shot.gaussians
+        for done, frame in enumerate(job.frames, 1):
+            if "background" in self._statements and job.shot.background is not None:
+                file = frame_path(job.root, job.shot.background.path, frame)
+                check_statement(file, job.shot, "background", self._statements["background"])
+                shot_inputs.read_background(job, frame)
+            if gaussians is not None:
+                digest = self._digests[str(frame_path(job.root, gaussians.path, frame))]
+                key = digest_of({"check": "field", "code": code_digest(), "file": digest})
+                self.facts.fetch(key, partial(check_field, job, frame))
+            self._progress("Checking frames", done, len(job.frames))
+        yield from ()
 
     def material_ranges(self) -> tuple[tuple[float, float], tuple[float, float]] | None:
         """Smallest and largest roughness and metallic inside the mattes, of passes that the job brings; else None."""
@@ -141,7 +162,7 @@ class InputChecks:
     def reads(self) -> list[str]:
         """Which channels serve what, for `plan`; where frames differ, how many read which."""
         job, counts = self._job, Counter[tuple[str, str]]()
-        for frame in job.frames:
+        for frame in () if self._awaiting else job.frames:
             counts.update(self._frame(frame)["reads"].items())
         frames = len(job.frames)
         lines = [f"{role}: {how}{'' if n == frames else f' ({n} frames)'}" for (role, how), n in counts.items()]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -15,6 +15,7 @@ from yesnt.core.job_progress import Progress, no_progress
 from yesnt.core.shot import Job, Shot
 from yesnt.decompose.identity import BackendIdentity, identify_backend
 from yesnt.decompose.registry import find_weights
+from yesnt.io.cameras import calibration_roles
 from yesnt.io.fact_cache import FactCache
 from yesnt.io.file_digests import FileDigests
 from yesnt.io.job_colors import resolve_colors
@@ -43,6 +44,8 @@ class Resolved:
         capture: cameras that measure the materials.
         memory: of the files' digests, to be saved once the output folder may be written to.
         plate_headers: memory of the plates' headers, to be saved with it.
+        awaiting: whether pictures that the run makes from Gaussian fields are still missing or out of date, so that
+            nothing is known of the stages that read them.
     """
 
     job: Job
@@ -52,6 +55,7 @@ class Resolved:
     capture: CapturePlan
     memory: FileDigests = field(compare=False, repr=False)
     plate_headers: FactCache = field(compare=False, repr=False)
+    awaiting: bool = False
 
     @property
     def files(self) -> list[str]:
@@ -64,13 +68,19 @@ class Resolved:
         return [*self.digests, *map(str, inside)]
 
 
-def resolve(path: str | Path, accept_license: tuple[str, ...] = (), progress: Progress = no_progress) -> Resolved:
+def resolve(
+    path: str | Path,
+    accept_license: tuple[str, ...] = (),
+    progress: Progress = no_progress,
+    awaiting: bool = False,
+) -> Resolved:
     """Reads the job file and hashes every input that has changed since it was hashed last.
 
     Args:
         path: the job file or its folder.
         accept_license: licences that the user accepts beside those that the job names.
         progress: called while files are hashed.
+        awaiting: what the run makes from Gaussian fields is out of date and is not read.
 
     Raises:
         JobError: the job file is wrong, or a file is missing.
@@ -91,16 +101,18 @@ def resolve(path: str | Path, accept_license: tuple[str, ...] = (), progress: Pr
         weights = of.weights_path(root, shot)
         backend = identify_backend(chosen.backend, weights, chosen.accept_license, of.backend_knobs(shot))
     memory = FileDigests(OutputFolder.of(job).run / "file_digests.json")
-    capture = plan_capture(job, camera)
-    paths = dict.fromkeys((*_input_files(job), *capture.files(job)))
+    awaiting = awaiting or any(not frame_path(root, made, f).is_file() for made in shot.made for f in frames)
+    capture = CapturePlan() if awaiting else plan_capture(job, camera)
+    paths = dict.fromkeys((*_input_files(job, shot.made if awaiting else ()), *capture.files(job)))
     digests = memory.of(paths, lambda done, total: progress("Hashing files", done, total))
     memory.save()
     shot, colors, notes = resolve_colors(shot, root, frames)
     job = job.model_copy(update={"shot": shot, "colors": colors})
     headers = FactCache(OutputFolder.of(job).run / "plate_headers.json")
-    job = _with_raster(job, digests, camera, headers)
-    headers.save()
-    return Resolved(job, digests, backend, notes, capture, memory, headers)
+    if shot.plate.path not in shot.made:  # what is made has the camera's size
+        job = _with_raster(job, digests, camera, headers)
+        headers.save()
+    return Resolved(job, digests, backend, notes, capture, memory, headers, awaiting)
 
 
 def _with_raster(job: Job, digests: Mapping[str, str], camera: Camera, headers: FactCache) -> Job:
@@ -134,6 +146,7 @@ def _accepting(shot: Shot, licences: tuple[str, ...]) -> Shot:
 def _check_knobs(shot: Shot) -> None:
     checks: tuple[Callable[[Shot], object], ...] = (
         of.ensemble_settings, of.backend_knobs, of.flow_settings, of.energy_params, of.relight_settings,
+        of.mesh_settings,
     )  # fmt: skip
     for check in checks:
         check(shot)
@@ -152,16 +165,20 @@ def _sequences(shot: Shot) -> Iterable[str]:
     yield shot.gbuffer.path
     if shot.proxy:
         yield shot.proxy.path
+    if shot.gaussians:
+        yield shot.gaussians.path
     yield from pass_files(shot.decompose).values()
     yield from (one.path for one in shot.materials)
     if shot.background:
         yield shot.background.path
 
 
-def _input_files(job: Job) -> Iterable[Path]:
+def _input_files(job: Job, without: Collection[str] = ()) -> Iterable[Path]:
     shot = job.shot
-    for pattern in _sequences(shot):
+    for pattern in (pattern for pattern in _sequences(shot) if pattern not in without):
         yield from (frame_path(job.root, pattern, frame) for frame in job.frames)
+    if shot.gaussians and shot.capture:
+        yield from calibration_roles(job.root, shot.capture).values()
     if shot.flow.path:  # the last frame's flow leads out of the shot
         yield from (frame_path(job.root, shot.flow.path, frame) for frame in job.frames[:-1])
     if shot.flow.weights:

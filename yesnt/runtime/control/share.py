@@ -15,7 +15,7 @@ from yesnt.io.store import FrameStore
 from yesnt.planning.graph import Graph, Node, NodeId, stage_counts
 from yesnt.runtime.driver.driver import is_done
 from yesnt.runtime.run_options import RunOptions, RunResult
-from yesnt.runtime.session import Missing, Session
+from yesnt.runtime.session import MAKERS, Missing, Session
 from yesnt.tasks.run import run_node
 
 Listener = Callable[[Mapping[str, Any]], None]
@@ -35,8 +35,20 @@ def run_shared(session: Session, options: RunOptions, listen: Listener = lambda 
     Raises:
         YesntError: bad input, wrong options.
     """
-    warnings = session.checks.form(beside_others=True) + session.checks.content()
-    result = RunResult(warnings=warnings, notes=session.checks.notes, output=session.output.root)
+    result = RunResult(output=session.output.root)
+    if session.resolved.awaiting:
+        _share_graph(session, options, result, listen)
+        if result.missing or options.until in MAKERS:
+            return result
+        session.look_again()
+    _share_graph(session, options, result, listen)
+    return result
+
+
+def _share_graph(session: Session, options: RunOptions, result: RunResult, listen: Listener) -> None:
+    """Runs all nodes that are known of now."""
+    result.notes = session.checks.notes
+    result.warnings = session.checks.form(beside_others=True) + session.checks.content()
     result.missing = dict(session.marked_dead())
     plan, graph = session.plan(Missing(result.missing)), session.graph(Missing(result.missing))
     graph = graph.closure(session.targets(graph, options))
@@ -49,7 +61,6 @@ def run_shared(session: Session, options: RunOptions, listen: Listener = lambda 
     finally:
         lease.release()
     _Share(session, graph, result, listen).run()
-    return result
 
 
 class _Share:

@@ -1,0 +1,93 @@
+"""Tasks that make proxy meshes, plates and G-buffers from Gaussian fields."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yesnt.core.camera import Camera
+from yesnt.core.gaussian_input import PROXY, VIEW
+from yesnt.gaussians.field import GaussianField
+from yesnt.io.cameras import calibration_roles, cameras_of
+from yesnt.io.exr import write_exr
+from yesnt.io.file_digests import file_digest
+from yesnt.io.gaussian_ply import read_field
+from yesnt.io.jobfile import frame_path
+from yesnt.io.mesh_files import write_glb, write_ply
+from yesnt.planning import settings as of
+from yesnt.planning.task_records import MeshTask, ViewTask
+from yesnt.tasks.inputs import prove_input, read_checked
+from yesnt.tasks.workspace import Workspace
+
+F32 = NDArray[np.float32]
+
+
+def extract_proxy(space: Workspace[MeshTask]) -> None:
+    """Commits the proxy mesh of a frame as PLY, which later stages read, and GLB."""
+    from yesnt.gaussians.mesh import extract_mesh
+    from yesnt.gaussians.orbit import cameras_around
+
+    field, settings = _field(space), of.mesh_settings(space.job.shot)
+    cameras = _cameras(space) or cameras_around(field)
+    with space.kernel():
+        mesh = extract_mesh(field, cameras, settings)
+    path = frame_path(space.output.root, PROXY, space.frame)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_ply(path, mesh.vertices, mesh.faces)
+    write_glb(path.with_suffix(".glb"), mesh.vertices, mesh.faces)
+    _commit(space, [path, path.with_suffix(".glb")], {"triangles": len(mesh.faces), "gaussians": field.count})
+
+
+def render_view(space: Workspace[ViewTask]) -> None:
+    """Commits the plate and G-buffer of a frame in one EXR."""
+    field, camera = _field(space), space.camera()
+    with space.kernel():
+        planes = view_planes(field, camera, space.frame)
+    path = frame_path(space.output.root, VIEW, space.frame)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_exr(path, planes)
+    _commit(space, [path], {"gaussians": field.count})
+
+
+def view_planes(field: GaussianField, camera: Camera, frame: int | None) -> dict[str, NDArray[np.floating]]:
+    """A field as a camera sees it: R, G, B associated linear Rec.709, A, depth.Z in metres, N.X, N.Y, N.Z in the world.
+
+    Colours that are composited as sRGB code values are made linear where they are straight, as pictures are.
+    """
+    from yesnt.core.color import srgb_decode, straighten
+    from yesnt.gaussians.render import render
+
+    seen = render(field, camera, frame)
+    color = seen.color
+    if field.color_space == "srgb":
+        color = srgb_decode(straighten(color, seen.alpha)) * seen.alpha[..., None]
+    planes: dict[str, NDArray[np.floating]] = {c: color[..., i].astype(np.float32) for i, c in enumerate("RGB")}
+    planes |= {"A": seen.alpha, "depth.Z": seen.median_z}
+    return planes | {f"N.{c}": seen.normal[..., i] for i, c in enumerate("XYZ")}
+
+
+def _field(space: Workspace[Any]) -> GaussianField:
+    gaussians = space.job.shot.gaussians
+    assert gaussians is not None
+    path = frame_path(space.job.root, gaussians.path, space.frame)
+    with space.clock.reading_time():
+        return read_checked(path, space.node.inputs["field"], lambda: read_field(path))
+
+
+def _cameras(space: Workspace[MeshTask]) -> list[tuple[Camera, int | None]]:
+    """The capture's cameras; none if the job has no capture."""
+    capture = space.job.shot.capture
+    if capture is None:
+        return []
+    found = cameras_of(space.job.root, capture)
+    for role, path in calibration_roles(space.job.root, capture).items():
+        prove_input(path, space.node.inputs[role])
+    return [(one.camera, one.pose_of(space.frame)) for one in found.values()]
+
+
+def _commit(space: Workspace[Any], paths: list[Path], facts: dict[str, Any]) -> None:
+    files = {str(path.relative_to(space.output.root)): file_digest(path) for path in paths}
+    space.commit(space.frame, {}, files, facts)

@@ -170,7 +170,8 @@ def test_example_job_of_the_contract_is_accepted() -> None:
     shot = yaml.safe_load(whole)
     Shot.model_validate(shot)
     for key, value in yaml.safe_load(further).items():
-        Shot.model_validate(shot | {key: value})
+        made = {"proxy"} if key == "gaussians" else set()  # what a field takes the place of
+        Shot.model_validate({name: part for name, part in shot.items() if name not in made} | {key: value})
     assert set(yaml.safe_load(whole)) | set(yaml.safe_load(further)) == set(Shot.model_fields)
 
 

@@ -257,7 +257,8 @@ class Session:
             if run.result.missing or run.options.until in MAKERS:
                 return
             self.look_again()
-            run.result.warnings = self.checks.form(beside_others=True) + self.checks.content()
+            run.result.notes = self.checks.notes
+            result.warnings = self.checks.form(beside_others=True) + self.checks.content()
             self.remember()
         while self._pass(run):
             pass

@@ -202,7 +202,13 @@ def test_gpu_tasks_go_to_jobs_that_have_a_gpu(tmp_path: Path) -> None:
 def test_a_run_that_ends_early_leaves_no_job(tmp_path: Path, number: int, status: int) -> None:
     shot = write_tiny_shot(tmp_path / "s", FRAMES, SIZE)
     words = yesnt("run", shot, "--cluster", profile(tmp_path, walltime="10m"))
-    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as run:
+    with subprocess.Popen(
+        words,
+        stdout=subprocess.PIPE,
+        text=True,
+        # A shell gives its background jobs an ignored SIGINT, which children would inherit.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    ) as run:
         assert run.stdout is not None
         for line in run.stdout:
             if line.startswith("progress 1"):

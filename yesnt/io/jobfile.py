@@ -145,8 +145,12 @@ def has_frame_number(pattern: str) -> bool:
     return bool(_FRAME_SIGN.search(os.path.basename(pattern)))
 
 
+@lru_cache(maxsize=1 << 18)
 def frame_path(root: str | Path, pattern: str, frame: int) -> Path:
-    """The file of one frame; a pattern without a frame number is the same file for every frame."""
+    """The file of one frame; a pattern without a frame number is the same file for every frame.
+
+    A run of a long shot asks for each a dozen times, and a path takes longer to put together than to look up.
+    """
     whole, name = _placed(str(root), pattern)
     return Path(whole, str(_sequence(name).frame(frame)) if has_frame_number(name) else name)
 

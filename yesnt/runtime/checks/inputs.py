@@ -245,10 +245,15 @@ class InputChecks:
         }  # fmt: skip
         patterns |= pass_files(shot.decompose) | correction_patterns(shot)
         files = {role: self._digests[str(frame_path(job.root, p, frame))] for role, p in patterns.items() if p}
+        return {"check": "frame", "files": files, "frame": frame, **self._of_all_frames}
+
+    @cached_property
+    def _of_all_frames(self) -> dict[str, Any]:
+        """What the checks of all frames depend on alike."""
+        job, shot = self._job, self._job.shot
         sections = shot.plate, shot.matte, shot.background, shot.gbuffer, shot.proxy
         return {
-            "check": "frame", "code": code_digest(), "files": files, "frame": frame,
-            "window": str(job.window), "display": job.display_size,
+            "code": code_digest(), "window": str(job.window), "display": job.display_size,
             "reads": [section.model_dump(mode="json") for section in sections if section],
             "colors": [asdict(getattr(job.colors, role)) for role in ("plate_working", "background")],
             "stated": [asdict(self._statements[role]) for role in ("plate", "background") if role in self._statements],

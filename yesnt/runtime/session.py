@@ -258,7 +258,7 @@ class Session:
                 return
             self.look_again()
             run.result.notes = self.checks.notes
-            result.warnings = self.checks.form(beside_others=True) + self.checks.content()
+            run.result.warnings = self.checks.form(beside_others=True) + self.checks.content()
             self.remember()
         while self._pass(run):
             pass

@@ -37,6 +37,8 @@ EVALUATION_TASKS = (
     "tasks",
     "bounce_task",
     "sequence_tasks",
+    "measured_tasks",
+    "evidence_rows",
     "scorer",
     "scene",
     "subjects",

@@ -13,6 +13,7 @@ from yesnt.planning.stages import FLOW, SOLVE
 
 if TYPE_CHECKING:
     from yesnt.measure.evaluation.plan import EvalPlan
+    from yesnt.runtime.session import Session
 
 
 def evaluation_graph(plan: EvalPlan) -> Graph:
@@ -30,6 +31,19 @@ def constants_graph(plan: EvalPlan, constants: Mapping[str, tuple[float, float]]
     """The rows of constant materials; run after the search for the best constants of all shots."""
     scored = [(name, frame) for name, _ in plan.subject.maps for frame in plan.scored_frames(name)]
     return Graph(plan.constant_rows(name, frame, constants) for name, frame in scored)
+
+
+def materials_graph(session: Session) -> Graph:
+    """The product's own nodes up to the solved materials."""
+    product = session.graph()
+    return product.closure([node.id for node in product if node.stage == SOLVE])
+
+
+def measured_graph(plan: EvalPlan) -> Graph:
+    """The rows whose materials a capture measured; run after the jobs that measure them."""
+    scored = [(name, frame) for frame in plan.frames for name, _ in plan.subject.maps]
+    found = [plan.measured_score(name, frame) for name, frame in scored if frame in plan.scored_frames(name)]
+    return Graph([plan.measured_material(), *found])
 
 
 def _nodes(plan: EvalPlan) -> Iterator[Node]:

@@ -7,10 +7,17 @@ import numpy as np
 import pytest
 from scipy.ndimage import binary_erosion, map_coordinates
 
+from yesnt.capture.pictures import read_view
 from yesnt.core.camera import Camera
+from yesnt.decompose.evidence.observe import silhouette_overlap
+from yesnt.io.cameras import read_cameras
 from yesnt.io.jobfile import load_shot, parse_frames
+from yesnt.io.mesh import read_proxy
 from yesnt.io.pictures.image import read_image
+from yesnt.relight import ProxyScene
+from yesnt.runtime.checks.preflight import resolve
 
+MEASURED = (1001, 1005, 1009, 1013, 1016)
 SHOT = Path(str(files("yesnt") / "data" / "shot"))
 
 
@@ -32,8 +39,27 @@ MATERIAL = ("base_color.R", "base_color.G", "base_color.B", "roughness.Y", "meta
 
 
 def test_it_fits(frames):
-    assert sum(path.stat().st_size for path in SHOT.rglob("*") if path.is_file()) <= 12e6
+    sizes = {path: path.stat().st_size for path in SHOT.rglob("*") if path.is_file()}
+    captured = sum(size for path, size in sizes.items() if "capture" in path.relative_to(SHOT).parts)
+    assert sum(sizes.values()) - captured <= 12e6
+    assert captured <= 4e6
     assert len(frames) >= 16
+
+
+def test_its_job_measures_by_eight_cameras_on_every_fourth_frame(frames):
+    resolved = resolve(SHOT)
+    assert resolved.job.shot.evidence.every == 4
+    assert {frame: len(names) for frame, names in resolved.capture.views.items()} == dict.fromkeys(MEASURED, 8)
+    assert {int(path.name.split(".")[1]) for path in (SHOT / "capture").rglob("*.exr")} == set(MEASURED)
+
+
+def test_its_capture_shows_the_proxy_where_the_calibration_says(frames):
+    job = resolve(SHOT).job
+    proxy = ProxyScene.from_arrays(*(getattr(read_proxy(job, 1009), name) for name in ("vertices", "faces")))
+    for name, camera in read_cameras(SHOT / "cameras.json").items():
+        overlap, shown = silhouette_overlap(read_view(job, name, camera, 1009), proxy)
+        assert overlap > 0.85, name
+        assert shown > 0.03
 
 
 def test_every_frame_is_complete(frames, camera):

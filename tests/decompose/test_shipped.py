@@ -21,7 +21,7 @@ SHOT = Path(__file__).parents[2] / "yesnt" / "data" / "shot"
 @pytest.fixture(scope="module")
 def frame():
     """Number, straight rgb, matte and ground truth [H, W, 2] of a middle frame."""
-    plates = sorted(SHOT.rglob("plate.*.exr"))
+    plates = sorted(SHOT.glob("plate.*.exr"))
     path = plates[len(plates) // 2]
     number = path.name.split(".")[1]
     plate = read_image(path).stack("RGBA")

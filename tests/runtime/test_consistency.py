@@ -46,6 +46,7 @@ def write_frame(folder: Path, files: dict[str, Planes] | None = None, **job: Any
         write(folder / NAMES[role], planes)
     document = yaml.safe_load((SHOT / "shot.yaml").read_text())
     document |= {"frames": str(FRAME), "decompose": {"path": "material.####.exr"}}
+    del document["capture"], document["evidence"]
     for key, value in job.items():
         document[key] = document[key] | value if isinstance(value, dict) else value
     (folder / "shot.yaml").write_text(yaml.safe_dump(document))

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from yesnt.capture_stage.shotfiles import MEASURED, MEASURED_OUTPUT
 from yesnt.io.durable import write_bytes
 from yesnt.io.exr import write_exr
 
@@ -16,17 +17,21 @@ _MANTISSA_BITS = {"gbuffer": 13, "material": 7, "relit": 7}
 """What ZIP is given: z to 0.2 mm at 3 m (float), truth to 0.4 % (half); plate, normals and flow stay as rendered."""
 
 _README = """# The embedded shot
-Rendered in Blender Cycles by `python -m yesnt.capture_stage embedded`, packed by `yesnt.capture_stage.package`
-(docs/stage.md). The person is the parametric human of the package `anny` 0.6.2 (data CC0), dressed, painted and moved
-by the project's own code; the maps in env/ are the project's own. Everything here is under CC0-1.0.
+Rendered in Blender Cycles by `python -m yesnt.capture_stage embedded embedded_capture`, packed by
+`yesnt.capture_stage.package` (docs/stage.md). The person is the parametric human of the package `anny` 0.6.2
+(data CC0), dressed, painted and moved by the project's own code; the maps in env/ are the project's own. Everything
+here is under CC0-1.0.
 """
 
 
 def package_shot(folder: Path, out: Path) -> int:
-    """Copies a shot without the stage's records, its truth rounded; returns the bytes written."""
+    """Copies a shot without the stage's records, its truth rounded; returns the bytes written.
+
+    If the shot has a capture, its job measures the materials by it.
+    """
     for path in sorted(folder.rglob("*")):
         name = path.relative_to(folder)
-        if not path.is_file() or name.parts[0] == "stage":
+        if not path.is_file() or name.parts[0] == "stage" or path.name == MEASURED:
             continue
         (out / name).parent.mkdir(parents=True, exist_ok=True)
         bits = _MANTISSA_BITS.get(path.name.split(".")[0].split("_")[0])
@@ -34,6 +39,9 @@ def package_shot(folder: Path, out: Path) -> int:
             shutil.copyfile(path, out / name)
         else:
             write_exr(out / name, _rounded(path, bits))
+    if (folder / MEASURED).is_file():
+        job = (folder / MEASURED).read_text().replace(MEASURED_OUTPUT, "out")
+        write_bytes(out / "shot.yaml", job.encode())
     write_bytes(out / "README.md", _README.encode())
     return sum(path.stat().st_size for path in out.rglob("*") if path.is_file())
 

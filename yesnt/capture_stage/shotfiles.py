@@ -14,6 +14,9 @@ from yesnt.io.durable import write_bytes, write_json
 MEASURED = "measured.yaml"
 """Job file of a shot whose materials a capture measures; it lies beside the `shot.yaml` of the same shot without."""
 
+MEASURED_OUTPUT = "out-measured"
+"""Its output folder."""
+
 
 def shot_folder(job: RenderJob, out_dir: Path) -> Path:
     """Folder of a job's shot: `out_dir/SET/SUBJECT`, and `out_dir/SET-small/SUBJECT` for the small ones."""
@@ -100,4 +103,4 @@ def measured_yaml(job: RenderJob, rig: Rig) -> str:
     light = next((name for name in home.lights if name != CAPTURE), CAPTURE)
     every = f"evidence: {{every: {rig.every}}}\n" if rig.every > 1 else ""
     capture = 'capture: {cameras: cameras.json, images: "capture/{camera}/plate.####.exr"}\n'
-    return shot_yaml(job, light, capture + every, "out-measured")
+    return shot_yaml(job, light, capture + every, MEASURED_OUTPUT)

@@ -49,6 +49,12 @@ class CaptureCameras(Part):
         """Pattern of the pictures."""
         return self.images
 
+    @property
+    def paths(self) -> dict[str, str]:
+        """Every path that is given, by its key."""
+        paths = {"cameras": self.cameras, "images": self.images, "mattes": self.mattes}
+        return {name: path for name, path in paths.items() if path is not None}
+
 
 class EvidenceInput(Part):
     """Whether and how the capture's cameras measure the materials.

@@ -12,6 +12,7 @@ from yesnt.io.exr import write_exr
 from yesnt.io.pictures.image import read_image
 from yesnt.measure.evaluation.rows import ROWS
 from yesnt.measure.evaluation.run import EvalOptions, run_evaluation
+from yesnt.measure.evaluation.table import tables
 
 HERE = EvalOptions(workers=0)
 
@@ -41,6 +42,12 @@ def test_every_row_has_numbers_or_says_why_not(evaluated):
         assert bool(row["values"]) != bool(row["absent"])
     blender = next(row for row in document["rows"] if row["name"] == "blender_proxy")
     assert "proxy_dusk.1001.exr: not rendered" in blender["absent"]
+
+
+def test_a_set_without_a_capture_has_no_rows_of_one(evaluated):
+    document = evaluated[2].document
+    assert not any(row["group"] == "evidence" for row in document["rows"])
+    assert not any(table.title.startswith("Materials measured") for table in tables(document))
 
 
 def test_the_noise_of_the_passes_is_found_to_be_the_largest_error(evaluated):

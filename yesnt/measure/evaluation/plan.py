@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from yesnt.core.shot import Job
 from yesnt.core.stage_id import StageId
 from yesnt.io.file_digests import file_digest, file_identity
 from yesnt.io.records import digest_of
@@ -26,6 +27,8 @@ from yesnt.measure.evaluation.subjects import PROXY, RELIT, Subject, common_fram
 from yesnt.measure.evaluation.task_records import (
     BouncesTask,
     MaterialTask,
+    MeasuredMaterialTask,
+    MeasuredScoreTask,
     ScoreTask,
     SearchTask,
     SubjectTask,
@@ -44,7 +47,7 @@ VERSION = 4
 Upstream = tuple[StageId, int]
 """Stage and frame that a node reads."""
 
-SOLVE_TRUE, MATERIAL = StageId("solve_true"), StageId("material")
+SOLVE_TRUE, MATERIAL, MEASURED_MATERIAL = StageId("solve_true"), StageId("material"), StageId("measured_material")
 
 SEARCH_KNOBS = {
     "texels": 256, "clusters": 32, "capture_texels": 128, "capture_clusters": 32, "bounce": 1, "capture_passes": 1,
@@ -63,6 +66,7 @@ class EvalPlan:
         thorough: largest number of frames per shot on which every row is scored.
         probes: largest number of maps per shot for the term-by-term rows and the search of constants.
         lpips: the user's LPIPS weights.
+        measured: row -> the same shot as a job that measures its materials by a capture; none without a capture.
     """
 
     subject: Subject
@@ -71,6 +75,7 @@ class EvalPlan:
     thorough: int = 3
     probes: int = 3
     lpips: Path | None = None
+    measured: Mapping[str, Session] = field(default_factory=dict)
 
     @property
     def frames(self) -> tuple[int, ...]:
@@ -212,6 +217,30 @@ class EvalPlan:
         """Scores the rows of constant materials."""
         task = self._score(name, frame, list(constants), constants=dict(constants))
         return self._pictures("constant", frame, task, [], Graph())
+
+    def measured_score(self, name: str, frame: int) -> Node:
+        """Scores the rows whose materials a capture measured."""
+        task = MeasuredScoreTask(self.subject, name, self._shot_digest(frame), self._measured_jobs)
+        settings = self._relighting() | {"materials": self._measured_keys((frame,))}
+        inputs = self._picture_files(name, frame)
+        return self._node(StageId("measured", part=name), (frame,), settings, inputs, [], Graph(), task)
+
+    def measured_material(self) -> Node:
+        """Errors of materials that a capture measured."""
+        task = MeasuredMaterialTask(self.subject, self._measured_jobs)
+        settings = {"materials": self._measured_keys(self.frames)}
+        inputs = self._truth_files() | self._shot_files(self.frames)
+        return self._node(MEASURED_MATERIAL, self.frames[:1], settings, inputs, [], Graph(), task)
+
+    @property
+    def _measured_jobs(self) -> dict[str, Job]:
+        return {row: session.job for row, session in self.measured.items()}
+
+    def _measured_keys(self, frames: Sequence[int]) -> dict[str, str]:
+        """Keys of the solved materials of every row."""
+        graphs = {row: session.graph() for row, session in self.measured.items()}
+        keys = {row: [graph.committer(SOLVE, f).frame_key(f) for f in frames] for row, graph in graphs.items()}
+        return {row: digest_of(list(found)) for row, found in keys.items()}
 
     def video(self, name: str, graph: Graph) -> Node:
         """Measures the videos of a map."""

@@ -7,8 +7,19 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, Literal
 
-Source = Literal["plate", "own", "observed", "true", "constant", "own_constant", "blender", "true_flow", "own_flow"]
-Group = Literal["table", "ablation", "separation"]
+Source = Literal[
+    "plate",
+    "own",
+    "observed",
+    "true",
+    "constant",
+    "own_constant",
+    "blender",
+    "true_flow",
+    "own_flow",
+    "measured",
+]
+Group = Literal["table", "ablation", "separation", "evidence"]
 
 FULL: Mapping[str, Any] = MappingProxyType({})
 PAPER = MappingProxyType({"base_color": "plate", "brdf": "paper", "bounce": 0, "edges": False, "pixel_filter": 0.0})

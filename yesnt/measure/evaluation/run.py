@@ -11,14 +11,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import yaml
-
+from yesnt.core.capture_input import EvidenceInput
 from yesnt.core.errors import JobError
-from yesnt.core.shot import Shot
+from yesnt.core.shot import Job, Shot
 from yesnt.io.durable import sweep_partials, write_bytes, write_json
 from yesnt.io.jobfile import load_shot
 from yesnt.io.store import FrameStore
 from yesnt.measure.evaluation.constants import best_constants
+from yesnt.measure.evaluation.measured_jobs import measured_sessions, open_session
 from yesnt.measure.evaluation.page import write_page
 from yesnt.measure.evaluation.plan import EvalPlan
 from yesnt.measure.evaluation.subjects import Subject, find_subjects
@@ -32,7 +32,13 @@ from yesnt.runtime.driver.driver import Driver
 from yesnt.runtime.launchers.spec import read_cluster
 from yesnt.runtime.launchers.table import check_cluster
 from yesnt.runtime.session import Session
-from yesnt.workflows.evaluate import ablation_graph, constants_graph, evaluation_graph
+from yesnt.workflows.evaluate import (
+    ablation_graph,
+    constants_graph,
+    evaluation_graph,
+    materials_graph,
+    measured_graph,
+)
 
 Listener = Callable[[Mapping[str, Any]], None]
 
@@ -115,6 +121,8 @@ def run_evaluation(
         for plan in plans:
             drive(plan, constants_graph(plan, constants[plan.subject.name]))
         for plan in plans:
+            drive_measured(plan, drive)
+        for plan in plans:
             drive(plan, ablation_graph(plan))
     document = summarise(plans, constants)
     document |= measured_elsewhere(output)
@@ -125,6 +133,14 @@ def run_evaluation(
     write_bytes(result.markdown, as_markdown(document).encode())
     write_page(result.page, document, output)
     return result
+
+
+def drive_measured(plan: EvalPlan, drive: _Drive) -> None:
+    """Measures the materials of a shot by its capture, job by job, and scores them."""
+    for session in plan.measured.values():
+        drive.product(session, plan.subject.name)
+    if plan.measured:
+        drive(plan, measured_graph(plan))
 
 
 def measured_elsewhere(output: Path) -> dict[str, Any]:
@@ -148,26 +164,28 @@ def open_plan(subject: Subject, output: Path, options: EvalOptions) -> EvalPlan:
     home.mkdir(parents=True, exist_ok=True)
     lacking = ""
     try:
-        session = _session(home, _absolute(shot, subject, options))
+        session = open_session(home, _absolute(shot, subject, options))
     except JobError as error:
         if not shot.decompose.samples_backend or "weights" not in error.what:
             raise
         lacking = f"no decomposition: {error.what[0].lower()}{error.what[1:]}"
         true = _absolute(shot, subject, options)
         true["decompose"] = {"path": str(subject.folder / "truth" / "material.####.exr")}
-        session = _session(home, true)
-    return EvalPlan(subject, session, lacking, options.thorough, options.probes, options.lpips)
+        session = open_session(home, true)
+    measured = {} if lacking else measured_sessions(subject, home, lambda shot: _absolute(shot, subject, options, True))
+    return EvalPlan(subject, session, lacking, options.thorough, options.probes, options.lpips, measured)
 
 
-def _session(home: Path, document: Mapping[str, Any]) -> Session:
-    text = "# Written by `yesnt eval`: the evaluated shot, its inputs by absolute paths.\n"
-    write_bytes(home / "shot.yaml", (text + yaml.safe_dump(dict(document), sort_keys=True)).encode())
-    return Session(home)
+def _absolute(shot: Shot, subject: Subject, options: EvalOptions, measured: bool = False) -> dict[str, Any]:
+    """The shot as a document whose paths are absolute and whose output is the evaluation's.
 
-
-def _absolute(shot: Shot, subject: Subject, options: EvalOptions) -> dict[str, Any]:
-    """The shot as a document whose paths are absolute and whose output is the evaluation's."""
+    `measured` keeps the capture, which is left out otherwise: Full is what the plate alone gives.
+    """
     changes: dict[str, Any] = {"output": "out", "camera": str(subject.folder / shot.camera)}
+    if shot.capture is not None:
+        kept = {name: str(subject.folder / path) for name, path in shot.capture.paths.items()}
+        changes["capture"] = shot.capture.model_copy(update=kept) if measured else None
+        changes |= {} if measured else {"evidence": EvidenceInput()}
     for name in ("plate", "matte", "gbuffer", "light", "capture_light", "background", "proxy", "decompose", "flow"):
         part = getattr(shot, name)
         if part is not None and part.path is not None:
@@ -194,23 +212,31 @@ class _Drive:
 
     def __call__(self, plan: EvalPlan, graph: Graph) -> None:
         """Runs what has no record yet."""
-        session, job = plan.session, plan.session.job
+        self._run(plan.session, graph, plan.subject.name, plan.arrays())
+
+    def product(self, session: Session, name: str) -> None:
+        """Runs a job up to its materials."""
+        self._run(session, materials_graph(session), name, {})
+
+    def _run(self, session: Session, graph: Graph, name: str, more: Mapping[str, str]) -> None:
+        """Runs the nodes of a job that have no record; `more` are arrays that only the evaluation writes."""
+        job = session.job
         with session.output.lock():
             sweep_partials(session.output.root)
-            arrays = session.plan().arrays() | plan.arrays()
+            arrays = session.plan().arrays() | dict(more)
             FrameStore.create(session.output.store, arrays, job.frames, job.height, job.width)
             driver = Driver(job, graph, session.book, run_evaluation_node, None, self._listen)
             reused = driver.reuse()
             counts = _count(list(graph.nodes)), _count(reused.reused)
-            self._listen({"event": "plan", "stages": counts[0], "reused": counts[1], "shot": plan.subject.name})
+            self._listen({"event": "plan", "stages": counts[0], "reused": counts[1], "shot": name})
             if not driver.remaining:
                 return
             if self._options.workers == 0:
-                _run_here(plan, graph, set(reused.reused), self._listen)
+                _run_here(job, graph, set(reused.reused), self._listen)
                 return
             outcome = driver.run(self._cluster(session.output.run))
         for node_id, reason in (outcome.failed | outcome.dead).items():
-            self.failed[f"{plan.subject.name}: {node_id[0]} {node_id[1]}"] = reason
+            self.failed[f"{name}: {node_id[0]} {node_id[1]}"] = reason
 
     def _cluster(self, folder: Path) -> Any:
         """The client; a cluster that is started keeps its certificates and logs in the folder."""
@@ -223,14 +249,14 @@ class _Drive:
         return self._client
 
 
-def _run_here(plan: EvalPlan, graph: Graph, done: set[Any], listen: Listener) -> None:
+def _run_here(job: Job, graph: Graph, done: set[Any], listen: Listener) -> None:
     """Runs nodes one after another in this process; the first error ends it."""
     for node in graph:
         if node.id in done:
             continue
         about = {"time": time.time(), "stage": node.stage.label, "frames": list(node.frames)}
         listen({"event": "start", **about})
-        receipt = run_evaluation_node(plan.session.job, node)
+        receipt = run_evaluation_node(job, node)
         listen({"event": "done", **about, **receipt})
 
 

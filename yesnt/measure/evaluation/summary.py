@@ -9,13 +9,17 @@ from typing import Any
 import numpy as np
 
 from yesnt.core.stage_id import StageId
+from yesnt.measure.evaluation.evidence_rows import EVIDENCE_ROWS
 from yesnt.measure.evaluation.margins import margins
 from yesnt.measure.evaluation.pictures import strip_name
-from yesnt.measure.evaluation.plan import EvalPlan
+from yesnt.measure.evaluation.plan import MEASURED_MATERIAL, EvalPlan
 from yesnt.measure.evaluation.rows import ROWS, SEPARATIONS, Row
 from yesnt.measure.evaluation.unmodelled import unmodelled_effects
 from yesnt.metrics.definitions import DEFINITIONS
 from yesnt.metrics.image import decibels
+
+_SCORES = ("independent", "reference", "score", "ablation", "constant", "measured")
+"""Stages whose records hold scores of rows."""
 
 Cells = dict[str, dict[str, dict[str, float]]]
 """Row -> "shot / map" -> metric -> value."""
@@ -27,10 +31,11 @@ def summarise(plans: Sequence[EvalPlan], constants: Mapping[str, Mapping[str, tu
     document = {
         "shots": [_shot(plan) for plan in plans],
         "constants": {shot: {row: list(pair) for row, pair in rows.items()} for shot, rows in constants.items()},
-        "rows": [_row(row, plans, cells) for row in ROWS.values() if row.group != "separation"],
+        "rows": [_row(row, plans, cells) for row in _shown_rows(plans)],
         "cells": cells,
         "separation": _separation(plans),
         "material": _material(plans),
+        "measured": _measured(plans),
         "video": _video(plans),
         "worst": _worst(plans, cells),
         "definitions": {name: definition.text for name, definition in DEFINITIONS.items()},
@@ -54,7 +59,7 @@ def _cells(plans: Sequence[EvalPlan]) -> Cells:
     for plan in plans:
         for name, _ in plan.subject.maps:
             rows: dict[str, list[Mapping[str, float]]] = {}
-            for facts in _facts(plan, name, ("independent", "reference", "score", "ablation", "constant")):
+            for facts in _facts(plan, name, _SCORES):
                 for row, numbers in facts["rows"].items():
                     rows.setdefault(row, []).extend([numbers] if numbers else [])
             for row, frames in rows.items():
@@ -84,6 +89,31 @@ def _shot(plan: EvalPlan) -> dict[str, Any]:
         "backend": None if plan.lacking or backend is None else backend.name,
         "weights": None if plan.lacking or backend is None else backend.weights,
     }  # fmt: skip
+
+
+def _shown_rows(plans: Sequence[EvalPlan]) -> list[Row]:
+    """Rows of the tables; those of a capture only if a shot has one."""
+    measured = {name for plan in plans for name in plan.measured}
+    rows = [row for row in ROWS.values() if row.group != "separation"]
+    return rows + [row for row in EVIDENCE_ROWS.values() if row.name in measured]
+
+
+def _measured(plans: Sequence[EvalPlan]) -> dict[str, Any]:
+    """Errors of the materials that a capture measured, by row and plane: over the shots, and of each shot."""
+    shots: dict[str, Any] = {}
+    for plan in plans:
+        record = plan.session.book.find(MEASURED_MATERIAL, plan.frames[0])
+        if record is not None and plan.measured:
+            shots[plan.subject.name] = record.facts["measured"]
+    rows = dict.fromkeys(row for found in shots.values() for row in found)
+    mean = {
+        row: {
+            plane: _spreads([found[row][plane] for found in shots.values() if row in found])
+            for plane in ("roughness", "metallic")
+        }
+        for row in rows
+    }
+    return {"mean": mean, "shots": shots}
 
 
 def _row(row: Row, plans: Sequence[EvalPlan], cells: Cells) -> dict[str, Any]:

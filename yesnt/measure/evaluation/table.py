@@ -47,6 +47,7 @@ def tables(document: Mapping[str, Any]) -> tuple[Table, ...]:
         table
         for table in (
             _rows(document, "table", "Accuracy, mean ± std over object x map", MAIN),
+            _measured(document),
             _margins(document),
             _separation(document),
             _rows(
@@ -210,6 +211,35 @@ def _materials(document: Mapping[str, Any]) -> Table:
         if numbers
     ]
     return Table("Materials, mean ± std over shots", ("plane", *_titles(MATERIAL)), tuple(lines), _notes(MATERIAL))
+
+
+def _measured(document: Mapping[str, Any]) -> Table:
+    """Rows of a capture between Full and the ceiling, with the errors of their materials."""
+    found = {row["name"]: row for row in document["rows"]}
+    names = [name for name, row in found.items() if row["group"] == "evidence"]
+    materials = {name: document["measured"]["mean"].get(name, {}) for name in names} if names else {}
+    materials["full"] = {plane: numbers["own"] for plane, numbers in document["material"]["mean"].items() if names}
+    lines, metrics = [], ("psnr", "psnr_aligned", "ssim", "flip")
+    for name in ("full", "no_decomposition_each", *names, "full_true") if names else ():
+        row, planes = found[name], materials.get(name, {})
+        pairs = max((value.get("n", 0) for value in row["values"].values()), default=0)
+        cells = [number(m, row["values"].get(m)) for m in metrics]
+        errors = [number(m, planes.get(plane, {}).get(m)) for plane, m in _MEASURED]
+        lines.append((row["title"], str(pairs), *cells, *errors))
+    head = [f"{plane} {title}" for (plane, _), title in zip(_MEASURED, _titles([m for _, m in _MEASURED]), strict=True)]
+    notes = (
+        *(f"{found[name]['title']}: {found[name]['definition']}" for name in names),
+        *_notes([*metrics, "rmse", "auc", "spearman"]),
+        "RMSE and AUC of materials after the temporal solve, mean over shots; Spearman of the spread before it",
+    )
+    return Table("Materials measured by a capture", ("row", "pairs", *_titles(metrics), *head), tuple(lines), notes)
+
+
+_MEASURED = (
+    ("roughness", "rmse"), ("roughness", "spearman"),
+    ("metallic", "rmse"), ("metallic", "auc"), ("metallic", "spearman"),
+)  # fmt: skip
+"""Plane and metric of the columns about materials."""
 
 
 def _flow(document: Mapping[str, Any]) -> Table:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from yesnt.core.shot import Job
 from yesnt.measure.evaluation.subjects import Subject
 from yesnt.planning.task_records import TaskRecord
 
@@ -78,6 +79,30 @@ class BouncesTask(MapTask):
     """
 
     shot: str
+
+
+@dataclass(frozen=True)
+class MeasuredMaterialTask(SubjectTask):
+    """Measures materials that a capture measured.
+
+    Attributes:
+        jobs: row -> the job whose output holds its materials.
+    """
+
+    jobs: Mapping[str, Job]
+
+
+@dataclass(frozen=True)
+class MeasuredScoreTask(MapTask):
+    """Scores rows whose materials a capture measured.
+
+    Attributes:
+        shot: as in `SearchTask`.
+        jobs: as in `MeasuredMaterialTask`.
+    """
+
+    shot: str
+    jobs: Mapping[str, Job]
 
 
 @dataclass(frozen=True)

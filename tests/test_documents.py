@@ -19,7 +19,7 @@ import yaml
 
 from tests.architecture_rules import FOLDERS, LAYERS, PHRASES, WORDS
 from yesnt.core.camera import Camera
-from yesnt.core.channels import CHANNELS, DELIVERED, MEASURED, ON_REQUEST, STORED
+from yesnt.core.channels import CHANNELS, DELIVERED, MEASURED, ON_REQUEST, SET_LAYERS, STORED
 from yesnt.core.shot import Shot
 from yesnt.planning.stages import STAGES
 
@@ -139,7 +139,13 @@ def test_roadmap_holds_nothing_that_works() -> None:
     assert "`yesnt gof" not in text
     future = {key for block in code_blocks(text, "yaml") for key in yaml.safe_load(block)}
     assert future
-    assert not (future & set(Shot.model_fields)) - {"plate", "gbuffer", "light", "decompose"}  # these gain keys only
+    assert not (future & set(Shot.model_fields)) - {
+        "plate",
+        "gbuffer",
+        "light",
+        "decompose",
+        "set",
+    }  # these gain keys only
 
 
 def profile_table() -> str:
@@ -221,7 +227,9 @@ def test_contract_names_every_delivered_channel() -> None:
     named = {"R", "G", "B", "A"}
     for stem, components in re.findall(r"`(?:(\w+)\.)?(\w+(?:/\w)*)`", text):
         named |= {f"{stem}.{c}" for c in components.split("/")} if stem else set()
-    delivered = {channel for name in (*DELIVERED, *MEASURED, *ON_REQUEST) for channel in CHANNELS[name].exr}
+    delivered = {
+        channel for name in (*DELIVERED, *MEASURED, *SET_LAYERS, *ON_REQUEST) for channel in CHANNELS[name].exr
+    }
     assert delivered <= named, delivered - named
 
 
@@ -419,8 +427,8 @@ def test_every_section_with_figures_names_the_command_that_prints_them(page: Pat
 
 
 def test_channel_registry_is_whole() -> None:
-    assert set(STORED) | set(DELIVERED) == set(CHANNELS)
-    for name in (*DELIVERED, *MEASURED, *ON_REQUEST):
+    assert set(STORED) | set(DELIVERED) | set(SET_LAYERS) == set(CHANNELS)
+    for name in (*DELIVERED, *MEASURED, *SET_LAYERS, *ON_REQUEST):
         assert len(CHANNELS[name].exr) == CHANNELS[name].components
 
 

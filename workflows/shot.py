@@ -4,7 +4,8 @@ What a job takes from Gaussian fields is rendered and extracted first. Keyframes
 flow links each frame to the next; frames between keyframes take their
 keyframe's materials along the flow and sample what is missing; the cameras of a capture measure the materials;
 corrections by the artist are applied; each frame's confidence is weighed and the shot is solved along the flow, in
-chunks if it is long; each frame is relit and composited as soon as it is solved.
+chunks if it is long; the ground under the subject is found; each frame is relit as soon as it is solved, then the set
+around it is lit, and both are composited.
 """
 
 from __future__ import annotations
@@ -16,8 +17,10 @@ from yesnt.planning.builders.decompose import full_frame_nodes, in_between_nodes
 from yesnt.planning.builders.evidence import evidence_nodes
 from yesnt.planning.builders.flow import flow_nodes
 from yesnt.planning.builders.gaussians import after_views, gaussian_nodes
+from yesnt.planning.builders.ground import ground_nodes
 from yesnt.planning.builders.preview import preview_nodes, segment_nodes
 from yesnt.planning.builders.relight import relight_nodes
+from yesnt.planning.builders.set_stage import set_nodes
 from yesnt.planning.builders.solve import solve_nodes
 from yesnt.planning.graph import Graph
 from yesnt.planning.shot_plan import ShotPlan
@@ -37,7 +40,9 @@ def shot_graph(plan: ShotPlan) -> Graph:
     graph.extend(after_views(graph, correct_nodes(plan, graph)))
     graph.extend(confidence_nodes(plan, graph))
     graph.extend(solve_nodes(plan, graph))
+    graph.extend(ground_nodes(plan, graph))
     graph.extend(after_views(graph, relight_nodes(plan, graph)))
+    graph.extend(after_views(graph, set_nodes(plan, graph)))
     graph.extend(composite_nodes(plan, graph))
     graph.extend(segment_nodes(plan, graph))
     graph.extend(preview_nodes(plan, graph))

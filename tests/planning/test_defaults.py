@@ -18,6 +18,7 @@ from pydantic import BaseModel
 
 from yesnt.core.capture_input import CaptureCameras, EvidenceInput
 from yesnt.core.material_input import DecomposeInput, MaterialInput, QuantityInput
+from yesnt.core.set_input import SetInput
 from yesnt.core.shot import (
     CaptureInput,
     ExrOutput,
@@ -55,7 +56,9 @@ SETTINGS: dict[str, tuple[type, ...]] = {
     ),
     "confidence": (Temporal,),
     "solve": (Temporal, EnergyParams),
-    "relight": (PlateInput, GBufferInput, ProxyInput, LightInput, CaptureInput, RelightSettings),
+    "ground": (ProxyInput, SetInput),
+    "relight": (PlateInput, GBufferInput, ProxyInput, LightInput, CaptureInput, RelightSettings, SetInput),
+    "set": (PlateInput, GBufferInput, ProxyInput, LightInput, RelightSettings, SetInput),
     "composite": (ExrOutput, PlateInput),
 }
 """The sections and records whose changed values enter the keys of a stage."""

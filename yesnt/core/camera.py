@@ -85,7 +85,7 @@ class Camera:
         own = self.lenses.get(frame)
         return own or Lens(self.fx, self.fy, self.cx, self.cy, self.distortion)
 
-    def windowed(self, left: int, top: int, width: int, height: int) -> Camera:
+    def windowed(self, left: float, top: float, width: int, height: int) -> Camera:
         """The same camera for a window of its picture, or for one that is larger.
 
         Args:

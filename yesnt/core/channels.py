@@ -71,6 +71,13 @@ _ALL = (
     Channel("diffuse", 3, "float32", "radiance", "working space", 0.0, None, _rgb("diffuse"), associated=True),
     Channel("specular", 3, "float32", "radiance", "working space", 0.0, None, _rgb("specular"), associated=True),
     Channel("shadow", 1, "float32", "1", "", 0.0, 1.0, ("shadow.Y",)),
+    Channel("set_open", 3, "float32", "radiance", "working space", 0.0, None),
+    Channel("set_ratio", 3, "float32", "1", "working space", 0.0, 1.0),
+    Channel("set_added", 3, "float32", "radiance", "working space", 0.0, None),
+    Channel("shadow_set", 1, "float32", "1", "", 0.0, 1.0, ("shadow_set.Y",)),
+    Channel("reflection_set", 3, "float32", "radiance", "working space", None, None, _rgb("reflection_set")),
+    Channel("env", 3, "float32", "radiance", "working space", None, None, _rgb("env")),
+    Channel("holdout", 1, "float32", "1", "", 0.0, 1.0, ("holdout.Y",)),
     Channel("composite", 4, "float32", "radiance", "working space", 0.0, None, ("R", "G", "B", "A"), associated=True),
     Channel("relit", 4, "float32", "radiance", "working space", 0.0, None,
             ("relit.R", "relit.G", "relit.B", "relit.A"), associated=True),
@@ -99,6 +106,10 @@ STORED = (
     "diffuse",
     "specular",
     "shadow",
+    "set_open",
+    "set_ratio",
+    "set_added",
+    "holdout",
 )
 """Channels that live in the frame store."""
 
@@ -107,6 +118,9 @@ DELIVERED = ("composite", "relit", "diffuse", "specular", "shadow", "material", 
 
 MEASURED = ("views",)
 """Channels that it carries after these where the capture's cameras measure the materials."""
+
+SET_LAYERS = ("shadow_set", "reflection_set", "env", "holdout")
+"""Channels that it carries after these where the job has a set."""
 
 ON_REQUEST = ("base_color",)
 """Channels that it carries after these where `exr.layers` names them."""

@@ -14,6 +14,7 @@ from yesnt.core.gaussian_input import GaussianInput, fill_from_field, is_made
 from yesnt.core.job_part import FIXED, Colorspace, Knob, Part
 from yesnt.core.keyframes import Numbers, number_at, numbers_at
 from yesnt.core.material_input import DecomposeInput, MaterialInput
+from yesnt.core.set_input import SetInput, refuse_unusable_set
 from yesnt.core.windows import Raster, Window
 
 Quality = Literal["draft", "standard", "final", "reference"]
@@ -243,6 +244,7 @@ class Shot(Part):
     flow: FlowInput = FlowInput()
     temporal: TemporalInput = TemporalInput()
     relight: dict[str, Knob] = Field(default_factory=dict)
+    set: SetInput | None = None
     exr: ExrOutput = ExrOutput()
     color: ColorInput = ColorInput()
     quality: Quality = "standard"
@@ -271,6 +273,12 @@ class Shot(Part):
     @classmethod
     def _filled(cls, data: Any) -> Any:
         return fill_from_field(data)
+
+    @model_validator(mode="after")
+    def _set_whole(self) -> Self:
+        shadows = self.relight.get("shadows", True)
+        refuse_unusable_set(self.set, self.proxy is not None, self.background is not None, shadows)
+        return self
 
     @model_validator(mode="after")
     def _measurable(self) -> Self:

@@ -40,17 +40,17 @@ def read_proxy(job: Job, frame: int) -> Mesh:
     return Mesh(np.ascontiguousarray(turned * np.float32(UNITS[spec.units])), mesh.faces)
 
 
-def read_mesh(path: Path) -> Mesh:
-    """Reads a triangle mesh.
+def read_mesh(path: Path, what: str = "The proxy mesh") -> Mesh:
+    """Reads a triangle mesh; errors name it as `what`.
 
     Raises:
         JobError: missing, too large, of another format, empty, or with vertices that are not finite.
     """
     if not path.is_file():
-        raise JobError("The proxy mesh is missing", str(path), "a readable file", "check the path and the frame range")
+        raise JobError(f"{what} is missing", str(path), "a readable file", "check the path and the frame range")
     if path.suffix.lower() not in SUFFIXES or path.stat().st_size > MAX_MESH_BYTES:
         raise JobError(
-            "The proxy mesh cannot be used",
+            f"{what} cannot be used",
             str(path),
             f"{', '.join(SUFFIXES)} of at most {MAX_MESH_BYTES} bytes",
             "export it again",
@@ -61,11 +61,7 @@ def read_mesh(path: Path) -> Mesh:
         mesh = trimesh.load(str(path), force="mesh", process=False)
         vertices, faces = np.asarray(mesh.vertices, np.float32), np.asarray(mesh.faces, np.int32)
     except Exception as error:  # trimesh's readers raise whatever a damaged file provokes
-        raise JobError(
-            f"The proxy mesh is damaged ({error})", str(path), "a triangle mesh", "export it again"
-        ) from error
+        raise JobError(f"{what} is damaged ({error})", str(path), "a triangle mesh", "export it again") from error
     if not len(faces) or not np.isfinite(vertices).all() or faces.min() < 0 or faces.max() >= len(vertices):
-        raise JobError(
-            "The proxy mesh has no usable triangles", str(path), "finite vertices, valid faces", "export it again"
-        )
+        raise JobError(f"{what} has no usable triangles", str(path), "finite vertices, valid faces", "export it again")
     return Mesh(vertices, faces)

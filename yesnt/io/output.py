@@ -60,6 +60,11 @@ class OutputFolder:
         return self.run / "records"
 
     @property
+    def ground(self) -> Path:
+        """Where the subject stands, in jobs with a set."""
+        return self.run / "ground.json"
+
+    @property
     def dead(self) -> Path:
         """Folder of the marks of frames that killed their workers."""
         return self.run / "dead"

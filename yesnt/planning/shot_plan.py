@@ -20,7 +20,7 @@ from yesnt.planning import settings as of
 from yesnt.planning.chunks import ChunkPlan
 from yesnt.planning.exchange import Exchange
 from yesnt.planning.keyed_settings import changed_keys
-from yesnt.planning.stages import CORRECT, DECOMPOSE, EVIDENCE, STAGES, Stage
+from yesnt.planning.stages import CORRECT, DECOMPOSE, EVIDENCE, GROUND, SET, STAGES, Stage
 from yesnt.planning.task_records import Gaps
 from yesnt.temporal.outliers import OUTLIER_HALO
 
@@ -87,7 +87,8 @@ class ShotPlan:
 
     def _runs(self, row: Stage) -> bool:
         """Whether the job has tasks of an optional stage."""
-        return not row.optional or StageId(row.name) in {self.estimated, self.observed}
+        with_set = {GROUND, SET} if self.job.shot.set is not None else set()
+        return not row.optional or StageId(row.name) in {self.estimated, self.observed, *with_set}
 
     @property
     def gaps(self) -> Gaps:

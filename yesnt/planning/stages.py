@@ -144,13 +144,26 @@ _ROWS = (
         channels=("material",),
     ),
     Stage(
-        "relight", 9, "frame", "plate, G-buffer, proxy, material, light",
+        "ground", 1, "shot", "proxies (only jobs with a set)",
+        Cost(1.0, 0.0, 400, 0, 0), "#8a6d3b",
+        {records.GroundTask: "yesnt.tasks.ground:find_ground"},
+        files=("height of the ground",), optional=True,
+    ),
+    Stage(
+        "relight", 9, "frame", "plate, G-buffer, proxy, material, light; the ground and the set's mesh",
         Cost(0.2, 12.0, 500, 400, 8, scheduler_seconds=5), "#edae49",
         {records.RelightTask: "yesnt.tasks.relight:relight"},
         channels=("base_color", "diffuse", "specular", "shadow"),
     ),
     Stage(
-        "composite", 3, "frame", "diffuse, specular, background",
+        "set", 1, "frame", "base_color, diffuse, specular, material, matte, G-buffer, proxy, light, ground "
+        "(only jobs with a set)",
+        Cost(0.2, 12.0, 500, 600, 8), "#c58b5b",
+        {records.SetTask: "yesnt.tasks.set_stage:light_the_set"},
+        channels=("set_open", "set_ratio", "set_added", "holdout"), optional=True,
+    ),
+    Stage(
+        "composite", 3, "frame", "diffuse, specular, background or what the set shows",
         Cost(0.05, 1.5, 400, 250, 18), "#66a182",
         {records.CompositeTask: "yesnt.tasks.composite:composite"},
         files=("EXR sequence",),
@@ -173,7 +186,7 @@ FORMER_ARRAYS = ("evaluations",)
 """Arrays of the store in outputs of older versions; a run removes them."""
 
 (
-    MESH, VIEW, WINDOW, DECOMPOSE, FLOW, EVIDENCE, CORRECT, CONFIDENCE, SOLVE, RELIGHT, COMPOSITE, PREVIEW,
+    MESH, VIEW, WINDOW, DECOMPOSE, FLOW, EVIDENCE, CORRECT, CONFIDENCE, SOLVE, GROUND, RELIGHT, SET, COMPOSITE, PREVIEW,
 ) = map(StageId, STAGES)  # fmt: skip
 
 SEGMENT = StageId("preview", part="segment")

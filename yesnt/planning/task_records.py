@@ -183,8 +183,24 @@ class JoinBandsTask(SolveTask):
 
 
 @dataclass(frozen=True)
+class GroundTask(TaskRecord):
+    """Finds where the subject stands, from the proxies of all frames of the shot.
+
+    Attributes:
+        frames: of the shot, in order.
+    """
+
+    frames: tuple[int, ...]
+
+
+@dataclass(frozen=True)
 class RelightTask(TaskRecord):
     """Relights one frame."""
+
+
+@dataclass(frozen=True)
+class SetTask(TaskRecord):
+    """Lights the set in one frame."""
 
 
 @dataclass(frozen=True)

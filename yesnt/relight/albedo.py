@@ -96,7 +96,7 @@ def _row(alpha: float, cosine: Float) -> tuple[Float, Float, Float]:
     """Directional albedos [M] for F = 1, dielectric and Schlick: means of F G2/G1 over visible normals (Heitz 2018)."""
     u1, u2 = hammersley(_SAMPLES)
     view = np.stack([np.sqrt(1 - cosine**2), np.zeros_like(cosine), cosine], axis=-1)[:, None, :]
-    half = _visible_normals(view, alpha, u1, u2)
+    half = visible_normals(view, alpha, u1, u2)
     cos_d = (view * half).sum(-1)
     cos_i = 2 * cos_d * half[..., 2] - view[..., 2]
     a2, cos_o = alpha * alpha, view[..., 2]
@@ -107,7 +107,7 @@ def _row(alpha: float, cosine: Float) -> tuple[Float, Float, Float]:
     return share.mean(1), (share * fresnel).mean(1), (share * schlick_weight(cos_d)).mean(1)
 
 
-def _visible_normals(view: Float, alpha: float, u1: Float, u2: Float) -> Float:
+def visible_normals(view: Float, alpha: float, u1: Float, u2: Float) -> Float:
     """Samples [M, S, 3] of GGX's visible normals (Heitz 2018, listing 1) for views [M, 1, 3] in the x-z plane."""
     stretched = view * np.array([alpha, alpha, 1.0])
     stretched = stretched / np.linalg.norm(stretched, axis=-1, keepdims=True)

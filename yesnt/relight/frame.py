@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from yesnt.relight.combine import NOTHING_CLAMPED, Clamped, Response, normalise, response, shadow_ratio
 from yesnt.relight.edges import resolve_edges
 from yesnt.relight.envmap import EnvMap
-from yesnt.relight.indirect import indirect_light
+from yesnt.relight.indirect import ShownPixels, indirect_light
 from yesnt.relight.kernels import COLUMNS, LIT, sum_lobes
 from yesnt.relight.lights import PreparedLight, prepare_light
 from yesnt.relight.occlusion import Occluders, find_occluders, occlusion, single_factor
@@ -24,6 +24,7 @@ from yesnt.relight.points import Pixels, Surface, gather_pixels
 from yesnt.relight.proxy import ProxyScene
 from yesnt.relight.settings import RelightSettings
 from yesnt.relight.sparse import bands
+from yesnt.relight.surroundings import Surroundings
 
 F32 = NDArray[np.float32]
 
@@ -92,6 +93,7 @@ def relight_frame(
     capture: PreparedLight | None,
     proxy: ProxyScene | None,
     settings: RelightSettings,
+    surroundings: Surroundings | None = None,
 ) -> RelitFrame:
     """Inverts `capture` out of the plate and lights the frame with `light`.
 
@@ -103,6 +105,8 @@ def relight_frame(
         capture: of `prepare_capture`.
         proxy: mesh that occludes and reflects light; None: shadows are marched in the depth buffer.
         settings: of the stage.
+        surroundings: the set that the subject is relit in, which was not there when the plate was captured; it needs a
+            proxy.
 
     Raises:
         ValueError: `capture` is None although the base colour is not given.
@@ -118,6 +122,7 @@ def relight_frame(
         base, clamped = base_color(plate, pixels, occluders, capture, settings)
     else:
         raise ValueError("relight_frame needs the capture light or the base colour")
+    occluders = occluders.within(surroundings, settings.offset)
     relit = replace(shade_pixels(base, pixels, occluders, light, settings), clamped=clamped)
     return finish(relit, pixels.image(plate), inputs.surface, settings)
 
@@ -221,7 +226,8 @@ def integrate(base: F32, pixels: Pixels, occluders: Occluders, light: PreparedLi
     """
     indirect = None
     if occluders.proxy is not None and settings.bounce > 0:
-        indirect = indirect_light(occluders.proxy, pixels, occluders.shown, base, light, settings)
+        source = ShownPixels(pixels, occluders.shown, base)
+        indirect = indirect_light(occluders.proxy, source, light, settings, occluders.surroundings)
     tiles = [np.zeros((0, COLUMNS), dtype=np.float32)]
     for band in bands(pixels, settings.tile):
         part = band.part

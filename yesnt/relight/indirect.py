@@ -24,6 +24,7 @@ from yesnt.relight.points import Pixels
 from yesnt.relight.proxy import OPEN, ProxyScene
 from yesnt.relight.ranges import over_ranges
 from yesnt.relight.settings import RelightSettings
+from yesnt.relight.surroundings import Surroundings
 
 F32 = NDArray[np.float32]
 I32 = NDArray[np.int32]
@@ -109,22 +110,42 @@ class IndirectLight:
         return out
 
 
+class ShownPixels(NamedTuple):
+    """Pixels that the proxy takes its materials from.
+
+    Attributes:
+        pixels: P pixels of the frame.
+        shown: [P] triangle behind each pixel, -1 where none.
+        base: [P, 3] base colour of the pixels, linear, in the space of the lights.
+    """
+
+    pixels: Pixels
+    shown: I32
+    base: F32
+
+
 def indirect_light(
-    proxy: ProxyScene, pixels: Pixels, shown: I32, base: F32, light: PreparedLight, settings: RelightSettings
+    proxy: ProxyScene,
+    source: ShownPixels,
+    light: PreparedLight,
+    settings: RelightSettings,
+    surroundings: Surroundings | None = None,
 ) -> IndirectLight:
     """Lights the proxy, whose triangles take the materials of the pixels that show them.
 
     Args:
-        proxy: the mesh, F triangles.
-        pixels: P pixels of the frame.
-        shown: [P] triangle behind each pixel, -1 where none.
-        base: [P, 3] base colour of the pixels, linear Rec.709.
+        proxy: the mesh, F triangles; those of the set, if there is one, are its last.
+        source: pixels of the subject.
         light: that falls on the proxy.
         settings: of the stage, with at least one bounce.
+        surroundings: the set, whose triangles have their own material; None: there is no set.
     """
+    pixels, shown, base = source
     metallic = pixels.metallic[:, None]
     features = np.concatenate([base * (1 - metallic), base * metallic, pixels.roughness[:, None], metallic], axis=1)
     painted = proxy.paint(shown, features)
+    if surroundings is not None:
+        painted[-len(surroundings.mesh.faces) :] = surroundings.features()
     diffuse, tint, roughness = painted[:, :3], painted[:, 3:6], painted[:, 6]
     received, hits = proxy.gather(light.coarse, diffuse + tint, settings.bounce, settings.offset, settings.error)
     nothing = np.zeros((1, 3), np.float32)

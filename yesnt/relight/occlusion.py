@@ -5,7 +5,7 @@ Source: docs/method.md section 5 (visibility).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from yesnt.relight.points import Pixels, Surface
 from yesnt.relight.proxy import OPEN, ProxyScene
 from yesnt.relight.settings import RelightSettings
 from yesnt.relight.sparse import Band, sparse_hits
+from yesnt.relight.surroundings import Surroundings
 
 F32 = NDArray[np.float32]
 I32 = NDArray[np.int32]
@@ -39,6 +40,7 @@ class Occluders:
         depth: the depth buffer, or None.
         shown: [P] triangle of the proxy behind each pixel, -1 where none; empty without a proxy.
         footprint: [P] metres that a pixel covers at its depth; empty without a proxy.
+        surroundings: the set, whose triangles are the last of the proxy; None: there is no set.
     """
 
     origins: F32
@@ -46,6 +48,22 @@ class Occluders:
     depth: DepthScene | None
     shown: NDArray[np.int32]
     footprint: F32
+    surroundings: Surroundings | None = None
+
+    def within(self, surroundings: Surroundings | None, offset: float) -> Occluders:
+        """The same with a set around the subject; without a proxy there is none.
+
+        Args:
+            surroundings: the set, or None.
+            offset: distance of the rays' origins from a ground plane, metres, at least.
+        """
+        if surroundings is None or self.proxy is None:
+            return self
+        origins = self.origins
+        if surroundings.floor is not None:
+            lifted = np.maximum(origins[:, 2], np.float32(surroundings.floor + offset))
+            origins = np.concatenate([origins[:, :2], lifted[:, None]], axis=1)
+        return replace(self, origins=origins, proxy=surroundings.around(self.proxy), surroundings=surroundings)
 
 
 def find_occluders(surface: Surface, pixels: Pixels, proxy: ProxyScene | None, settings: RelightSettings) -> Occluders:

@@ -6,7 +6,7 @@ import numpy as np
 
 from yesnt.core.camera import Camera
 from yesnt.relight.edges import resolve_edges
-from yesnt.relight.indirect import indirect_light
+from yesnt.relight.indirect import ShownPixels, indirect_light
 from yesnt.relight.kernels import sum_lobes
 from yesnt.relight.lights import PreparedLight, prepare_light, uniform_light
 from yesnt.relight.occlusion import find_occluders, occlusion
@@ -35,7 +35,11 @@ def precompile_shadows() -> None:
     band = bands(pixels, settings.tile)[0]
     for proxy in (quad, None):
         occluders = find_occluders(surface, pixels, proxy, settings)
-        indirect = None if proxy is None else indirect_light(proxy, pixels, occluders.shown, base, light, settings)
+        indirect = (
+            None
+            if proxy is None
+            else indirect_light(proxy, ShownPixels(pixels, occluders.shown, base), light, settings)
+        )
         occlusion(occluders, pixels, band, light, indirect, settings)
     averaged = 0.5 * surface.normal  # short normals mark pixels that mix two surfaces
     image = np.ones((SIZE, SIZE, 3), np.float32)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from yesnt.core.errors import JobError
-from yesnt.relight.compiled import exact_entry
+from yesnt.relight.compiled import exact_entry, exact_kernel
 from yesnt.relight.lights import Clusters
 from yesnt.relight.predict import bounces_worth
 
@@ -77,6 +77,13 @@ class ProxyScene:
         return np.where(length > 0, cross / np.maximum(length, 1e-30), 0).astype(np.float32)
 
     @cached_property
+    def bounds(self) -> F32:
+        """Lowest and highest corner [2, 3] of the box of all vertices, widened by what rounding may move a hit."""
+        low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
+        margin = np.float32(1e-5) * (1 + np.maximum(np.abs(low), np.abs(high)))
+        return np.stack([low - margin, high + margin]).astype(np.float32)
+
+    @cached_property
     def _scene(self) -> Any:
         """Embree's acceleration structure."""
         from embreex.mesh_construction import TriangleMesh
@@ -121,7 +128,7 @@ class ProxyScene:
         for first in range(0, count, step):
             part = slice(first, min(first + step, count))
             asked = nothing if wanted is None else wanted[part]
-            rays = _rays(origins[part], normals[part], light, asked)
+            rays = cluster_rays(origins[part], normals[part], light, asked, self.bounds)
             hits[part].reshape(-1)[rays.place] = self.first_hits(rays.origins, rays.directions)
         return hits
 
@@ -192,16 +199,19 @@ class ClusterRays(NamedTuple):
     directions: F32
 
 
-def _rays(origins: F32, normals: F32, light: Clusters, wanted: NDArray[np.bool_]) -> ClusterRays:
-    """Rays of points [P, 3] towards the clusters above their horizon, of those that are wanted ([0, 0]: all)."""
+def cluster_rays(origins: F32, normals: F32, light: Clusters, wanted: NDArray[np.bool_], bounds: F32) -> ClusterRays:
+    """Rays of points [P, 3] towards the clusters above their horizon, of those that are wanted ([0, 0]: all).
+
+    Rays that miss the box `bounds` [2, 3] of the mesh are left out: they cannot hit it.
+    """
     most = len(origins) * len(light)
     rays = ClusterRays(np.empty(most, np.int64), np.empty((most, 3), np.float32), np.empty((most, 3), np.float32))
-    used = _write_rays(origins, normals, light.direction, light.reach, wanted, rays)
+    used = _write_rays(origins, normals, light.direction, light.reach, wanted, bounds, rays)
     return ClusterRays(rays.place[:used], rays.origins[:used], rays.directions[:used])
 
 
 @exact_entry
-def _write_rays(origins, normals, directions, reach, wanted, rays):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _write_rays(origins, normals, directions, reach, wanted, bounds, rays):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Writes the rays and returns how many there are."""
     count, clusters = origins.shape[0], directions.shape[1]
     n = 0
@@ -223,6 +233,21 @@ def _write_rays(origins, normals, directions, reach, wanted, rays):  # type: ign
             for k in range(3):
                 rays.directions[n, k] /= length
                 rays.origins[n, k] = origins[p, k]
-            rays.place[n] = p * clusters + c
-            n += 1
+            if _meets_box(origins, p, rays.directions, n, bounds):
+                rays.place[n] = p * clusters + c
+                n += 1
     return n
+
+
+@exact_kernel
+def _meets_box(origins, p, directions, n, bounds):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Whether the ray from point p along direction n meets a box [2, 3] (Kay & Kajiya 1986, slabs)."""
+    near, far = np.float32(0), np.float32(np.inf)
+    for k in range(3):
+        one = (bounds[0, k] - origins[p, k]) / directions[n, k]
+        two = (bounds[1, k] - origins[p, k]) / directions[n, k]
+        if one != one or two != two:  # in the plane of a side and parallel to it
+            continue
+        near = max(near, min(one, two))
+        far = min(far, max(one, two))
+    return near <= far

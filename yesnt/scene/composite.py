@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
+
+from yesnt.core.color import luminance
 
 Float32 = NDArray[np.float32]
 
@@ -11,6 +15,51 @@ Float32 = NDArray[np.float32]
 def associate(color: Float32, opacity: Float32) -> Float32:
     """Straight colour [H, W, 3] and opacity [H, W] as associated RGBA [H, W, 4]."""
     return np.concatenate([color * opacity[..., None], opacity[..., None]], axis=-1).astype(np.float32)
+
+
+class Behind(NamedTuple):
+    """What is behind the subject, and what the subject does to it: with the subject it is `ratio * picture + added`.
+
+    Attributes:
+        picture: [H, W, 4] associated, without the subject.
+        ratio: [H, W, 3] share of the light that the subject leaves, 0..1.
+        added: [H, W, 3] radiance that the subject adds.
+        holdout: [H, W] share of the pixel in which a part of the set is in front of the subject.
+    """
+
+    picture: Float32
+    ratio: Float32
+    added: Float32
+    holdout: Float32
+
+    def with_subject(self) -> Float32:
+        """The picture [H, W, 4] with the subject's shadow and reflection, and without the subject itself."""
+        color = self.ratio * self.picture[..., :3] + self.added
+        return np.concatenate([color, self.picture[..., 3:]], axis=-1).astype(np.float32)
+
+    def shadow(self) -> Float32:
+        """Luminance [H, W] that the subject leaves over that without it, 0..1; 1 where there is no light."""
+        whole = luminance(np.maximum(self.picture[..., :3], 0))
+        left = luminance(self.ratio * np.maximum(self.picture[..., :3], 0))
+        found = np.where(whole > 0, left / np.where(whole > 0, whole, 1), luminance(self.ratio))
+        untouched = (self.ratio == 1).all(axis=-1)
+        return np.where(untouched, 1, np.clip(found, 0, 1)).astype(np.float32)
+
+    def reflection(self) -> Float32:
+        """What is to be added [H, W, 3] to `shadow * picture`: reflections, and the tint of the shadow."""
+        return self.with_subject()[..., :3] - self.shadow()[..., None] * self.picture[..., :3]
+
+
+def held_out(foreground: Float32, holdout: Float32) -> Float32:
+    """An associated foreground [H, W, 4] without the share [H, W] of it that is hidden."""
+    return foreground * (1 - holdout[..., None])
+
+
+def opaque(picture: Float32) -> Float32:
+    """A picture [H, W, 3] or [H, W, 4] associated as [H, W, 4]; three components count as opaque."""
+    if picture.shape[-1] == 4:
+        return picture
+    return np.concatenate([picture, np.ones_like(picture[..., :1])], axis=-1)
 
 
 def over(foreground: Float32, background: Float32) -> Float32:
@@ -23,6 +72,4 @@ def over(foreground: Float32, background: Float32) -> Float32:
     Returns:
         [H, W, 4] associated.
     """
-    if background.shape[-1] == 3:
-        background = np.concatenate([background, np.ones_like(background[..., :1])], axis=-1)
-    return (foreground + (1 - foreground[..., 3:]) * background).astype(np.float32)
+    return (foreground + (1 - foreground[..., 3:]) * opaque(background)).astype(np.float32)

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.core.channels import CHANNELS, DELIVERED, MEASURED, ON_REQUEST
+from yesnt.core.channels import CHANNELS, DELIVERED, MEASURED, ON_REQUEST, SET_LAYERS
 from yesnt.core.shot import Job
 from yesnt.io import shot_inputs
 from yesnt.io.color_config import convert
 from yesnt.io.exr import window_attributes, write_exr
 from yesnt.io.file_digests import file_digest
-from yesnt.planning.stages import EVIDENCE, RELIGHT, SOLVE
+from yesnt.planning.stages import EVIDENCE, RELIGHT, SET, SOLVE
 from yesnt.planning.task_records import CompositeTask
 from yesnt.tasks.light import LightFiles, backdrop
 from yesnt.tasks.observations import measured, spread
 from yesnt.tasks.workspace import Workspace
+
+if TYPE_CHECKING:
+    from yesnt.scene.composite import Behind
 
 Float32 = NDArray[np.float32]
 
@@ -28,13 +31,14 @@ ABOVE_HALF = "composite: values above 65504, the largest of half, clamped to it"
 
 def composite(space: Workspace[CompositeTask]) -> None:
     """Writes the EXR of one frame and commits its digest."""
-    from yesnt.scene.composite import associate, over
+    from yesnt.scene.composite import associate, held_out, over
 
     job, frame = space.job, space.frame
     camera = space.camera()
     plate, surface = space.plate(frame, working=True), space.surface(frame, camera)
     diffuse, specular, shadow = (space.read(RELIGHT, name, frame) for name in ("diffuse", "specular", "shadow"))
-    background = space.inputs.background()
+    behind = _behind(space)
+    background = space.inputs.background() if behind is None else behind.with_subject()
     with space.kernel():
         if background is None:
             background = backdrop(LightFiles(job, frame, space.node.inputs), camera)
@@ -42,7 +46,7 @@ def composite(space: Workspace[CompositeTask]) -> None:
         if plate.uncovered is not None:  # a flame covers nothing, and is no surface to relight
             relit[..., :3] += plate.uncovered
         planes = {
-            "composite": over(relit, background).transpose(2, 0, 1),
+            "composite": over(relit if behind is None else held_out(relit, behind.holdout), background),
             "relit": relit.transpose(2, 0, 1),
             "diffuse": diffuse * plate.matte,
             "specular": specular * plate.matte,
@@ -52,6 +56,8 @@ def composite(space: Workspace[CompositeTask]) -> None:
             "normal": _unit(surface.normal).transpose(2, 0, 1),
             "z": surface.z[None],
         }
+        planes["composite"] = planes["composite"].transpose(2, 0, 1)
+        planes |= _set_layers(behind)
         planes |= {name: space.read(EVIDENCE, name, frame) for name in MEASURED if measured(space)}
         planes |= {name: space.read(RELIGHT, name, frame) for name in _requested(job)}
         delivered, above = _exr_planes({name: _delivered_color(job, name, plane) for name, plane in planes.items()})
@@ -59,6 +65,32 @@ def composite(space: Workspace[CompositeTask]) -> None:
     write_exr(path, delivered, _exr_attributes(space), job.shot.exr.compression)
     facts = {"clamped": {ABOVE_HALF: above}} if above else {}
     space.commit(frame, {}, {str(path.relative_to(space.output.root)): file_digest(path)}, facts)
+
+
+def _behind(space: Workspace[CompositeTask]) -> Behind | None:
+    """What is behind the subject in a job with a set; None in any other."""
+    from yesnt.scene.composite import Behind, opaque
+
+    given = space.job.shot.set
+    if given is None:
+        return None
+    ratio, added = (space.read(SET, name, space.frame).transpose(1, 2, 0) for name in ("set_ratio", "set_added"))
+    picture = space.inputs.background()
+    if picture is None:
+        picture = opaque(space.read(SET, "set_open", space.frame).transpose(1, 2, 0))
+    return Behind(picture, ratio, added, space.read(SET, "holdout", space.frame)[0])
+
+
+def _set_layers(behind: Behind | None) -> dict[str, Float32]:
+    """The layers of a set; none without one."""
+    if behind is None:
+        return {}
+    return {
+        "shadow_set": behind.shadow()[None],
+        "reflection_set": behind.reflection().transpose(2, 0, 1),
+        "env": behind.picture[..., :3].transpose(2, 0, 1),
+        "holdout": behind.holdout[None],
+    }
 
 
 def _delivered_color(job: Job, name: str, plane: Float32) -> Float32:
@@ -87,15 +119,15 @@ def _exr_planes(planes: dict[str, Float32]) -> tuple[dict[str, NDArray[np.floati
     """Planes under their EXR names and pixel types, in the registry's order; how many values half cannot hold."""
     out: dict[str, NDArray[np.floating]] = {}
     above = 0
-    for name in (name for name in (*DELIVERED, *MEASURED, *ON_REQUEST) if name in planes):
+    for name in (name for name in (*DELIVERED, *MEASURED, *SET_LAYERS, *ON_REQUEST) if name in planes):
         channel = CHANNELS[name]
         for exr_name, plane in zip(channel.exr, planes[name], strict=True):
             if channel.exr_pixel == "float":
                 out[exr_name] = plane
                 continue
             # A sun seen in a mirror exceeds half's range; infinity would poison every filter downstream.
-            above += int((plane > LARGEST_HALF).sum())
-            out[exr_name] = np.minimum(plane, LARGEST_HALF).astype(np.float16)
+            above += int((np.abs(plane) > LARGEST_HALF).sum())
+            out[exr_name] = np.clip(plane, -LARGEST_HALF, LARGEST_HALF).astype(np.float16)
     return out, above
 
 

@@ -92,6 +92,8 @@ class TaskInputs:
         shot = self._job.shot
         patterns = {"plate": shot.plate.path, "gbuffer": shot.gbuffer.path, "camera": shot.camera}
         patterns |= {"matte": shot.matte.path} if shot.matte else {}
+        patterns |= {"proxy": shot.proxy.path} if shot.proxy else {}
+        patterns |= {"mesh": shot.set.mesh} if shot.set and shot.set.mesh else {}
         return frame_path(self._job.root, patterns[role], frame)
 
     def camera(self) -> Camera:
@@ -156,6 +158,10 @@ class TaskInputs:
         mesh = read_proxy(self._job, self._node.frames[0])
         self._prove("proxy", self._job.shot.proxy.path)
         return mesh
+
+    def prove(self, role: str, frame: int) -> None:
+        """Raises JobError unless the file that a role has in a frame is the one that the node's key names."""
+        prove_input(self.path(role, frame), self.digest(role, frame))
 
     def _prove(self, role: str, pattern: str | None) -> None:
         assert pattern is not None

@@ -26,6 +26,7 @@ from yesnt.tasks.inputs import prove_input
 
 if TYPE_CHECKING:
     from yesnt.relight import EnvMap, PreparedLight, RelightSettings, Surface
+    from yesnt.scene.ground import Ground
 
 Place = tuple[float, float, float]
 MapInput = LightInput | CaptureInput
@@ -93,9 +94,13 @@ def prepared_lights(
     files: LightFiles, surface: Surface, settings: RelightSettings
 ) -> tuple[PreparedLight, PreparedLight]:
     """The light that relights a frame and the light that its plate was captured under; cached in the worker."""
-    shot = files.job.shot
-    light = _prepared(_Known(files, shot.light, "light"), settings, "light", _place_of(shot.light, surface))
-    return light, captured_light(files, surface, settings)
+    return relighting_light(files, surface, settings), captured_light(files, surface, settings)
+
+
+def relighting_light(files: LightFiles, surface: Surface, settings: RelightSettings) -> PreparedLight:
+    """The light that relights a frame; cached in the worker."""
+    spec = files.job.shot.light
+    return _prepared(_Known(files, spec, "light"), settings, "light", _place_of(spec, surface))
 
 
 def captured_light(files: LightFiles, surface: Surface, settings: RelightSettings) -> PreparedLight:
@@ -111,6 +116,16 @@ def backdrop(files: LightFiles, camera: Camera) -> NDArray[np.float32]:
     eye = tuple(float(v) for v in camera.position(files.frame))
     env = _seen(_Known(files, spec, "light"), None if spec.captured_at is None else eye)
     return env.lookup(camera.rays(files.frame))
+
+
+def map_behind(files: LightFiles, camera: Camera, ground: Ground) -> NDArray[np.float32]:
+    """The light's map on a dome with a ground, as the camera of the frame sees it: [H, W, 3]."""
+    from yesnt.scene.dome import DISTANCE, EYE_HEIGHT, Dome
+
+    spec = files.job.shot.light
+    place = spec.captured_at or (*ground.centre, ground.height + EYE_HEIGHT)
+    dome = Dome(place, min(ground.height, place[2] - 1e-3), spec.distance or DISTANCE)
+    return dome.picture(_map(_Known(files, spec, "light")), camera, files.frame)
 
 
 class _Known:

@@ -8,6 +8,7 @@ from yesnt.planning import settings as of
 from yesnt.planning.stages import SOLVE
 from yesnt.planning.task_records import RelightTask
 from yesnt.tasks.light import LightFiles, prepared_lights
+from yesnt.tasks.surroundings import surroundings
 from yesnt.tasks.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -22,10 +23,10 @@ def relight(space: Workspace[RelightTask]) -> None:
     job, frame, camera = space.job, space.frame, space.camera()
     plate, seen = space.plate(frame, working=True), space.surface(frame, camera)
     material, mesh = space.read(SOLVE, "material", frame), space.inputs.proxy()
-    settings = of.relight_settings(job.shot)
+    settings, around = of.relight_settings(job.shot), surroundings(space)
     with space.kernel():
         proxy = relight_inputs.proxy_scene(mesh, ProxyScene)
-        inputs = relight_inputs.RelightInputs(plate, seen, camera, frame, proxy)
+        inputs = relight_inputs.RelightInputs(plate, seen, camera, frame, proxy, around)
         lights = prepared_lights(LightFiles(job, frame, space.node.inputs), inputs.surface(material), settings)
         relit = relight_inputs.relight(inputs, material, lights, settings)
     space.commit(

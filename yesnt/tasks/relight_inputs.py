@@ -16,6 +16,7 @@ from yesnt.relight import FrameInputs, PreparedLight, ProxyScene, RelightSetting
 
 if TYPE_CHECKING:
     from yesnt.io.mesh import Mesh
+    from yesnt.relight.surroundings import Surroundings
 
 F32 = NDArray[np.float32]
 P = TypeVar("P", bound=ProxyScene)
@@ -31,6 +32,7 @@ class RelightInputs:
         camera: the shot's camera.
         frame: frame number; selects the camera pose.
         proxy: mesh that casts shadows and bounces light; None: no such mesh.
+        surroundings: the set that the subject is relit in; None: there is none.
     """
 
     plate: shot_inputs.Plate
@@ -38,6 +40,7 @@ class RelightInputs:
     camera: Camera
     frame: int
     proxy: ProxyScene | None
+    surroundings: Surroundings | None = None
 
     def surface(self, material: F32) -> Surface:
         """The surface to shade, for roughness and metallic as [2, H, W]."""
@@ -64,7 +67,7 @@ def relight(
     """
     light, capture = lights
     frame_inputs = FrameInputs(inputs.plate.color, inputs.surface(material), base_color)
-    return relight_frame(frame_inputs, light, capture, inputs.proxy, settings)
+    return relight_frame(frame_inputs, light, capture, inputs.proxy, settings, inputs.surroundings)
 
 
 def read_proxy(job: Job, frame: int) -> Mesh | None:

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from yesnt.core.stage_id import StageId
 from yesnt.planning.builders.assemble import frame_keys, frame_node, node_fields
 from yesnt.planning.graph import Graph, Node
 from yesnt.planning.keyed_settings import changed_fields, changed_keys, shared
 from yesnt.planning.shot_plan import ShotPlan
-from yesnt.planning.stages import COMPOSITE, EVIDENCE, RELIGHT
+from yesnt.planning.stages import COMPOSITE, EVIDENCE, RELIGHT, SET
 from yesnt.planning.task_records import CompositeTask
 
 
@@ -23,9 +24,12 @@ def composite_nodes(plan: ShotPlan, graph: Graph) -> Iterator[Node]:
         job=plan.job_digest,
         color=plan.job.colors.digests("output", "background" if shot.background else "light"),
         space=changed_fields(plan.job.colors.output_space),
+        set=shot.set.mode if shot.set else None,
         **_header(plan),
     )
-    stages = (RELIGHT, plan.observed, *((EVIDENCE,) if plan.views and plan.observed != EVIDENCE else ()))
+    stages: tuple[StageId, ...] = (RELIGHT, plan.observed)
+    stages += (EVIDENCE,) if plan.views and plan.observed != EVIDENCE else ()
+    stages += (SET,) if shot.set else ()
     for frame in plan.delivered:
         inputs = plan.inputs(frame, **_backdrop(plan))
         upstream = frame_keys(graph, frame, stages)
@@ -49,4 +53,6 @@ def _header(plan: ShotPlan) -> dict[str, Any]:
 def _backdrop(plan: ShotPlan) -> dict[str, str]:
     """Pattern of the background: a plate, or the light's map as the camera sees it."""
     shot = plan.job.shot
+    if shot.set is not None and shot.set.mode == "show":
+        return {}
     return {"background": shot.background.path} if shot.background else {"light": shot.light.path}

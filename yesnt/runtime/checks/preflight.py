@@ -183,6 +183,8 @@ def _input_files(job: Job, without: Collection[str] = ()) -> Iterable[Path]:
         yield from (frame_path(job.root, shot.flow.path, frame) for frame in job.frames[:-1])
     if shot.flow.weights:
         yield frame_path(job.root, shot.flow.weights, 0)
+    if shot.set is not None and shot.set.mesh is not None:
+        yield frame_path(job.root, shot.set.mesh, 0)
     yield frame_path(job.root, shot.camera, 0)
     for light in (shot.light, shot.capture_light):
         if light is not None and light.path is not None:

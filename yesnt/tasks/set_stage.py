@@ -1,0 +1,74 @@
+"""Task that lights the set in one frame."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yesnt.core.camera import Camera
+from yesnt.planning import settings as of
+from yesnt.planning.stages import RELIGHT, SOLVE
+from yesnt.planning.task_records import SetTask
+from yesnt.tasks import relight_inputs
+from yesnt.tasks.ground import read_ground
+from yesnt.tasks.light import LightFiles, map_behind, relighting_light
+from yesnt.tasks.surroundings import surroundings
+from yesnt.tasks.workspace import Workspace
+
+if TYPE_CHECKING:
+    from yesnt.relight.points import Surface
+    from yesnt.relight.surroundings import Surroundings
+    from yesnt.scene.ground import Ground
+    from yesnt.scene.set_frame import SetLayers
+    from yesnt.scene.set_view import SetImage
+
+F32 = NDArray[np.float32]
+
+
+def light_the_set(space: Workspace[SetTask]) -> None:
+    """Commits what the set takes from and adds to the light, the holdout, and in `show` what is behind the subject."""
+    from yesnt.scene.set_frame import RelitSubject, lit_set
+
+    job, frame, camera = space.job, space.frame, space.camera()
+    shot, given, around, ground = job.shot, job.shot.set, surroundings(space), read_ground(space)
+    assert given is not None
+    assert around is not None
+    plate, seen, mesh = space.plate(frame, working=True), space.surface(frame, camera), space.inputs.proxy()
+    settings, material = of.relight_settings(shot), space.read(SOLVE, "material", frame)
+    base, diffuse, specular = (
+        space.read(RELIGHT, name, frame).transpose(1, 2, 0) for name in ("base_color", "diffuse", "specular")
+    )
+    from yesnt.relight import ProxyScene
+
+    with space.kernel():
+        proxy = relight_inputs.proxy_scene(mesh, ProxyScene)
+        assert proxy is not None
+        surface = relight_inputs.RelightInputs(plate, seen, camera, frame, proxy).surface(material)
+        files = LightFiles(job, frame, space.node.inputs)
+        light = relighting_light(files, surface, settings)
+        subject = RelitSubject(surface, base, diffuse, specular, proxy)
+        image = _image(ground, around, surface)
+        behind = map_behind(files, camera, ground) if given.mode == "show" else None
+        layers = lit_set(image, subject, light, around, settings, behind)
+    space.commit(frame, _planes(layers))
+
+
+def _image(ground: Ground, around: Surroundings, surface: Surface) -> SetImage:
+    from yesnt.scene.set_view import ground_image, mesh_image
+
+    camera: Camera = surface.camera
+    assert surface.frame is not None
+    if around.floor is not None:
+        return ground_image(ground, around.material, camera, surface.frame)
+    return mesh_image(around.mesh, around.material, camera, surface.frame, np.asarray(surface.z, np.float32))
+
+
+def _planes(layers: SetLayers) -> dict[str, Any]:
+    """The layers [C, H, W] by channel."""
+    planes = {"set_ratio": layers.ratio.transpose(2, 0, 1), "set_added": layers.added.transpose(2, 0, 1)}
+    planes["holdout"] = layers.holdout[None]
+    if layers.behind is not None:
+        planes["set_open"] = layers.behind.transpose(2, 0, 1)
+    return planes

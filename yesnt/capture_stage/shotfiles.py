@@ -90,7 +90,7 @@ def shot_yaml(job: RenderJob, light: str | None = None, more: str = "", output: 
         f"light:   {{path: env/{light}.exr, convention: blender, rotation: [0, 0, 0], exposure: 0}}\n"
         f"capture_light: {{path: env/{CAPTURE}.exr}}\n"
         f"{more}"
-        "decompose: {backend: embedded, samples: 4}\n"
+        "decompose: {backend: embedded, samples: 2}\n"
         "quality: standard\n"
         "seed: 0\n"
         f"output:  {output}\n"

@@ -124,7 +124,7 @@ ENTRIES: dict[str, Entry] = {
         Licence("Apache-2.0", commercial=True),
         version=5,
         footprint=_embedded_footprint,
-        knobs={"steps": KnobSpec(2, high=4)},
+        knobs={"steps": KnobSpec(1, high=4)},
     ),
     "marigold": Entry(
         "yesnt.decompose.marigold:MarigoldBackend",

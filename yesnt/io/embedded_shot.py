@@ -33,7 +33,7 @@ light:   {{path: env/light.exr, convention: blender, rotation: [0, 0, 0], exposu
 
 # color: {{config: $OCIO, working: acescg, output: ACEScg, view: "ACES 2.0 - SDR 100 nits (Rec.709)"}}   # OpenColorIO
 
-decompose: {{backend: embedded, samples: 8}}      # or existing passes: {{path: material/material.####.exr}}
+decompose: {{backend: embedded, samples: 2}}      # or existing passes: {{path: material/material.####.exr}}
 #   materials: [{{mask: mask/belt.####.exr, metallic: 1, roughness: 0.2}}] corrects it; or cryptomatte: with names:
 quality: standard                 # draft | standard | final | reference
 seed: 0

@@ -96,7 +96,7 @@ _ROWS = (
         channels=("observed", "spread"), in_lanes=True,
     ),
     Stage(
-        "decompose", 4, "frame", "plate; between keyframes also a keyframe and the flow to it; or its windows",
+        "decompose", 5, "frame", "plate; between keyframes also a keyframe and the flow to it; or its windows",
         Cost(0.3, 25.0, 550, 300, 4, scheduler_seconds=5), "#4878a8",
         {
             records.ReadPassesTask: "yesnt.tasks.decompose:read_passes",

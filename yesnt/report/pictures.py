@@ -35,6 +35,9 @@ def draw(session: Session) -> dict[str, bytes]:
     heat = _nfe(session)
     if heat is not None:
         pictures["nfe"] = png(heat)
+    measured = _measured(session)
+    if measured is not None:
+        pictures["measured"] = png(measured)
     slices = _slices(session)
     if slices is not None:
         pictures["slices"] = png(slices)
@@ -84,6 +87,29 @@ def _nfe(session: Session) -> Float32 | None:
     return (colors[..., ::-1] / 255).astype(np.float32)
 
 
+def _measured(session: Session) -> Float32 | None:
+    """What the capture changed in one frame: roughness of the backend, measured, the same of metallic, views.
+
+    The frame is the measured one in the middle of the shot. Views: white where the most cameras saw a pixel.
+    """
+    store, frames = FrameStore(session.output.store), session.job.frames
+    known = [f for f in frames if _has_views(session, f)]
+    if not known:
+        return None
+    frame = known[len(known) // 2]
+    arrays = (("decompose", "observed"), ("evidence", "measured"), ("evidence", "views"))
+    try:
+        observed, measured, views = (
+            store.read(name, session.job.position(frame), _digest(session, stage, name, frame))
+            for stage, name in arrays
+        )
+    except (YesntError, KeyError, OSError):
+        return None
+    inside = read_plate(session.job, frame).matte > 0.5
+    panels = [observed[0], measured[0], observed[1], measured[1], views[0] / max(float(views.max()), 1)]
+    return np.concatenate([_grey(panel * inside) for panel in panels], axis=1)
+
+
 def _slices(session: Session) -> Float32 | None:
     """One row of roughness over time, before and after the solver: flicker is vertical stripes' raggedness."""
     store, frames = FrameStore(session.output.store), session.job.frames
@@ -102,6 +128,11 @@ def _slices(session: Session) -> Float32 | None:
     thick = [np.repeat(picture, max(1, 96 // len(frames)), axis=0) for picture in rows]
     gap = np.ones((4, session.job.width), np.float32)
     return _grey(np.concatenate([thick[0], gap, thick[1]]))
+
+
+def _has_views(session: Session, frame: int) -> bool:
+    record = session.book.find("evidence", frame)
+    return record is not None and record.facts.get("views", 0) > 0
 
 
 def _digest(session: Session, stage: str, array: str, frame: int) -> str:

@@ -107,7 +107,10 @@ def test_auto_needs_four_cameras_and_says_so(tmp_path) -> None:
     assert any("since 3 of 3 cameras see the subject and 4 are needed" in line for line in inspect(resolve(path)))
     assert keys(write_capture_shot(tmp_path, cameras=3, evidence={"use": True}))
     few = resolve(write_capture_shot(tmp_path, cameras=5, evidence={"cameras": 4}))
-    assert few.capture.reads == ("capture: 4 of 5 cameras measure the materials of a frame",)
+    assert few.capture.reads == (
+        "capture: 4 of 5 cameras measure the materials of a frame; expected: less gain than with 8, most of all in "
+        "roughness (docs/evidence.md)",
+    )
 
 
 @pytest.mark.parametrize(

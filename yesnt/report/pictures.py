@@ -31,7 +31,7 @@ def draw(session: Session) -> dict[str, bytes]:
     delivered = [f for f in session.job.frames if session.output.exr_path(session.job.shot.name, f).exists()]
     chosen = delivered[:: max(1, len(delivered) // STRIP_FRAMES)][:STRIP_FRAMES]
     if chosen:
-        pictures["strip"] = png(np.concatenate([_strip(session, frame) for frame in chosen], axis=0))
+        pictures["strip"] = png(np.concatenate([stages_of(session, frame) for frame in chosen], axis=0))
     heat = _nfe(session)
     if heat is not None:
         pictures["nfe"] = png(heat)
@@ -53,7 +53,7 @@ def png(picture: Float32) -> bytes:
     return bytes(data.tobytes())
 
 
-def _strip(session: Session, frame: int) -> Float32:
+def stages_of(session: Session, frame: int) -> Float32:
     """Plate, roughness, metallic, spread, relit, composite of one frame side by side."""
     plate = read_plate(session.job, frame)
     image = read_image(session.output.exr_path(session.job.shot.name, frame))

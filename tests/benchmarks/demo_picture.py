@@ -1,6 +1,6 @@
 """The README's picture: one frame of a finished demo through the stages, as the report shows it.
 
-    yesnt demo demo && python tests/benchmarks/demo_picture.py demo 1013 docs/images/demo.png
+yesnt demo demo && python tests/benchmarks/demo_picture.py demo 1013 docs/images/demo.png
 """
 
 import sys

@@ -18,10 +18,10 @@ from yesnt.relight.lights import Clusters, PreparedLight
 
 F32 = NDArray[np.float32]
 
-WIDEST = 0.006
-"""Largest solid angle of a part, sr: 4.4 degrees across, a two-thousandth of the sphere."""
+WIDEST = 0.016
+"""Largest solid angle of a part, sr: 7 degrees across."""
 
-BRIGHTEST = 0.0005
+BRIGHTEST = 0.001
 """Largest share of the light in one part, where that takes no more than `MOST` parts along a side."""
 
 MOST = 6

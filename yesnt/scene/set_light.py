@@ -26,7 +26,7 @@ from yesnt.scene.sharp_lobe import FINE, MIRROR, SHARP, SharpLobe, specular_albe
 
 F32 = NDArray[np.float32]
 
-AGREE = 0.01
+AGREE = 0.015
 """Share of the mean radiance by which neighbouring pixels may differ that answer for those between them."""
 
 SPACING, EDGE_SPACING = 8, 2

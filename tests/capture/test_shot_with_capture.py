@@ -1,5 +1,6 @@
 """A job with a capture from its file to the delivered EXR, in the test's own process."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -9,6 +10,8 @@ from yesnt.core.errors import JobError
 from yesnt.io.exr import write_exr
 from yesnt.io.pictures.image import read_image
 from yesnt.planning.stages import EVIDENCE
+from yesnt.report import write_report
+from yesnt.report.pictures import draw
 from yesnt.runtime.checks.inputs import inspect
 from yesnt.runtime.checks.preflight import resolve
 from yesnt.runtime.session import Session
@@ -56,6 +59,18 @@ def test_the_record_says_which_cameras_agree(finished) -> None:
     assert facts["left_out"] == {}
     assert set(facts["gains"]) <= {"plate", *(f"c{i:02d}" for i in range(5))}
     assert facts["views"] > 2
+
+
+def test_the_report_shows_what_the_capture_changed(finished) -> None:
+    assert "Materials measured by the capture" in write_report(finished).read_text()
+    drawn = cv2.imdecode(np.frombuffer(draw(finished)["measured"], np.uint8), cv2.IMREAD_GRAYSCALE)
+    before, roughness, _, metallic, views = np.split(drawn / 255, 5, axis=1)
+    painted, inside = truth()
+    for panel, true in ((roughness, painted[0]), (metallic, painted[1])):
+        assert np.abs(panel - true)[inside].mean() < 0.25
+    assert np.ptp(before[inside]) < np.ptp(roughness[inside])  # the guess is the same everywhere
+    assert views[inside].max() == 1
+    assert not views[~inside].any()
 
 
 def test_the_same_job_gives_the_same_bytes_in_any_order(finished, tmp_path) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.in_process import run_here
 from yesnt.capture_stage.jobs import render_jobs
 from yesnt.capture_stage.reference import fill_outwards
 from yesnt.capture_stage.render import find_receipt, render
@@ -16,9 +17,6 @@ from yesnt.core.errors import JobError, MissingPartError, YesntError
 from yesnt.io.cameras import read_cameras
 from yesnt.io.jobfile import load_shot
 from yesnt.io.pictures.image import read_image
-from yesnt.runtime.launchers.spec import ClusterSpec
-from yesnt.runtime.run_options import RunOptions
-from yesnt.runtime.session import Session
 
 SETS_WITH_CAPTURE = ("objects", "objects_capture")
 PER_JOB = 1 + 1 + 3  # geometry, proxy, three lights
@@ -166,11 +164,8 @@ def test_without_anny_the_error_says_how_to_get_it(fake, tmp_path):
 @pytest.mark.blender
 def test_a_rendered_capture_measures_its_shot(tools, tmp_path):
     shot, _ = (render(render_jobs(name, small=True)[0], tmp_path, tools) for name in SETS_WITH_CAPTURE)
-    resolved = Session(Path(shot.folder) / "measured.yaml").resolved
-    assert len(resolved.capture.views[1001]) == 12
-    session = Session(Path(shot.folder) / "measured.yaml")
-    result = session.run(RunOptions(ClusterSpec("local", workers=1)))
-    assert not result.missing
+    session = run_here(Path(shot.folder) / "measured.yaml", "evidence")
+    assert len(session.resolved.capture.views[1001]) == 12
     facts = session.book.find("evidence", 1001).facts
     assert facts["left_out"] == {}
     assert facts["views"] > 3

@@ -21,6 +21,7 @@ def test_a_finished_shot_shows_where_evaluations_went_and_the_measured_curve(tmp
     page = write_report(session).read_text()
     assert "Where network evaluations went" in page
     assert "Speed against accuracy" not in page
+    assert "Materials measured by the capture" not in page
     assert "src=" in page
     assert all(part.startswith("data:image/png") for part in page.split('src="')[1:]), "nothing is fetched"
     facts = json.loads((session.output.run / "report.json").read_text())

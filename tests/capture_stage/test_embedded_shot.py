@@ -8,6 +8,9 @@ import pytest
 from scipy.ndimage import binary_erosion, map_coordinates
 
 from yesnt.capture.pictures import read_view
+from yesnt.capture_stage.jobs import SETS, render_jobs
+from yesnt.capture_stage.package import packed_job
+from yesnt.capture_stage.shotfiles import measured_yaml
 from yesnt.core.camera import Camera
 from yesnt.decompose.evidence.observe import silhouette_overlap
 from yesnt.io.cameras import read_cameras
@@ -55,6 +58,11 @@ def test_its_job_measures_by_eight_cameras_on_every_fourth_frame(frames):
     )
     assert {frame: len(names) for frame, names in resolved.capture.views.items()} == dict.fromkeys(MEASURED, 8)
     assert {int(path.name.split(".")[1]) for path in (SHOT / "capture").rglob("*.exr")} == set(MEASURED)
+
+
+def test_its_job_is_what_packing_writes():
+    job = render_jobs("embedded_capture")[0]
+    assert packed_job(measured_yaml(job, SETS["embedded_capture"].rig)) == (SHOT / "shot.yaml").read_text()
 
 
 def test_its_capture_shows_the_proxy_where_the_calibration_says(frames):

@@ -23,6 +23,8 @@ Rendered in Blender Cycles by `python -m yesnt.capture_stage embedded embedded_c
 here is under CC0-1.0.
 """
 
+_SET = "set:     {ground: auto}\n"
+
 
 def package_shot(folder: Path, out: Path) -> int:
     """Copies a shot without the stage's records, its truth rounded; returns the bytes written.
@@ -40,10 +42,14 @@ def package_shot(folder: Path, out: Path) -> int:
         else:
             write_exr(out / name, _rounded(path, bits))
     if (folder / MEASURED).is_file():
-        job = (folder / MEASURED).read_text().replace(MEASURED_OUTPUT, "out")
-        write_bytes(out / "shot.yaml", job.encode())
+        write_bytes(out / "shot.yaml", packed_job((folder / MEASURED).read_text()).encode())
     write_bytes(out / "README.md", _README.encode())
     return sum(path.stat().st_size for path in out.rglob("*") if path.is_file())
+
+
+def packed_job(measured: str) -> str:
+    """The embedded shot's job: the stage's job with a capture, on a ground."""
+    return measured.replace(MEASURED_OUTPUT, "out").replace("decompose:", f"{_SET}decompose:")
 
 
 def _rounded(path: Path, bits: int) -> dict[str, NDArray[Any]]:

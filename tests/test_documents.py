@@ -276,6 +276,7 @@ def test_defaults_of_the_method_are_those_of_the_code() -> None:
     from yesnt.decompose.confidence import DIVISOR
     from yesnt.decompose.settings import EnsembleSettings
     from yesnt.gaussians.mesh_settings import MeshSettings
+    from yesnt.gaussians.settings import FitSettings
     from yesnt.relight.brdf import ALPHA_MIN, F0_DIELECTRIC, IOR
     from yesnt.relight.settings import RelightSettings
     from yesnt.temporal.bridging import BRIDGE
@@ -283,6 +284,7 @@ def test_defaults_of_the_method_are_those_of_the_code() -> None:
     from yesnt.temporal.outliers import WINDOW, OutlierSettings
     from yesnt.temporal.params import EnergyParams
 
+    fit = FitSettings()
     text = " ".join(text_of("docs/method.md").split())
     energy, flow, mesh = EnergyParams(), FlowSettings(), MeshSettings()
     said = {
@@ -305,6 +307,11 @@ def test_defaults_of_the_method_are_those_of_the_code() -> None:
         f"{OutlierSettings().limit:g} times (`limit`) what is usual within {WINDOW} frames": True,
         f"regions of {OutlierSettings().region} x {OutlierSettings().region} pixels": True,
         f"({RelightSettings().bounce} at standard quality)": True,
+        f"coverage {fit.weights.matte} (`matte`, huber": True,
+        f"consistency {fit.weights.consistency}, and 0 for": fit.weights.distortion + fit.weights.depth == 0,
+        f"{fit.steps} steps (`steps`) from {fit.count} flat discs": True,
+        f"every {fit.every} steps (`every`) up to {fit.most} gaussians (`most`)": fit.half == 0.25,
+        f"at {fit.thinnest} pixels or more (`thinnest`)": fit.weights.normal == 0,
         "stops at a tolerance (1e-4)": Shot.model_fields["temporal"].default.tolerance == 1e-4,
     }
     lower = text.lower()

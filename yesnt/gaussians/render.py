@@ -48,7 +48,7 @@ def rendered_view(raster: Raster, view: View) -> RenderedView:
     return RenderedView(
         np.ascontiguousarray(np.moveaxis(color, 0, -1)),
         alpha[0].copy(),
-        world / np.where(length > 0, length, 1),
+        np.asarray(world / np.where(length > 0, length, 1), np.float32),
         median[0].copy(),
         np.where(covered, mean, np.float32(0))[0],
         np.maximum(alpha * square - depth * depth, 0)[0],

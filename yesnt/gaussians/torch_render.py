@@ -1,7 +1,7 @@
 """The rasteriser in torch with autograd: one tile at a time, vectorised over its Gaussians and pixels.
 
-Reads like method.md section 2. Runs on any device and in float32 or float64; tests and benchmarks compare the compiled
-kernels with it, and on CUDA it supplies what gsplat does not render (cuda.py).
+Reads like method.md section 2. Runs on any device of torch, in float32 or float64; tests compare the compiled kernels
+and their gradients with it.
 """
 
 from __future__ import annotations

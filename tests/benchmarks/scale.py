@@ -19,6 +19,7 @@ import argparse
 import asyncio
 import heapq
 import json
+import math
 import subprocess
 import sys
 import tempfile
@@ -142,25 +143,31 @@ def schedule(graph: Graph, workers: int, scale: float, serial: float) -> float:
 
 
 def plot(rows: list[dict[str, float]], path: Path) -> None:
-    """Efficiency over workers, a line a scale."""
-    import matplotlib
-
-    matplotlib.use("svg")
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(figsize=(6, 3.6))
-    for scale in sorted({row["scale"] for row in rows}, reverse=True):
+    """Speed compared with an engine without cost, over workers: measured solid, predicted dashed; a colour a scale."""
+    ticks, colours = sorted({row["workers"] for row in rows}), ("#0072b2", "#d55e00", "#009e73")
+    parts = [f'<text x="{_x(tick, ticks)}" y="255" text-anchor="middle">{tick:g} workers</text>' for tick in ticks]
+    parts += [f'<text x="44" y="{_y(share) + 4}" text-anchor="end">{share:.0%}</text>' for share in (0, 0.5, 1)]
+    parts += [f'<path d="M50 {_y(share)}H500" stroke="#ccc"/>' for share in (0, 0.5, 1)]
+    scales = sorted({row["scale"] for row in rows}, reverse=True)
+    for i, (colour, scale) in enumerate(zip(colours, scales, strict=False)):
         line = [row for row in rows if row["scale"] == scale]
-        workers = [row["workers"] for row in line]
-        (drawn,) = axes.plot(workers, [r["best"] / r["wall"] for r in line], "o-", label=f"tasks x {scale:g}, measured")
-        predicted = [row["best"] / row["predicted"] for row in line]
-        axes.plot(workers, predicted, "s--", color=drawn.get_color(), label=f"tasks x {scale:g}, predicted")
-    axes.set(xscale="log", xlabel="workers", ylabel="time without engine / time", ylim=(0, 1.05))
-    ticks = sorted({row["workers"] for row in rows})
-    axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
-    axes.legend()
-    figure.tight_layout()
-    figure.savefig(path)
+        for name, dash in (("wall", ""), ("predicted", "5 4")):
+            points = " ".join(f"{_x(r['workers'], ticks)},{_y(r['best'] / r[name])}" for r in line)
+            drawn = f'fill="none" stroke="{colour}" stroke-width="2" stroke-dasharray="{dash}"'
+            parts.append(f'<polyline points="{points}" {drawn}/>')
+        label = f"tasks x {scale:g}: measured, predicted (dashed)"
+        parts.append(f'<text x="60" y="{200 + 16 * i}" fill="{colour}">{label}</text>')
+    style = 'font-family="sans-serif" font-size="12"'
+    svg = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 540 270" {style}>'
+    path.write_text(f'{svg}<rect width="540" height="270" fill="#fff"/>{"".join(parts)}</svg>\n')
+
+
+def _x(workers: float, ticks: list[float]) -> float:
+    return round(80 + 380 * math.log(workers / ticks[0]) / max(1e-9, math.log(ticks[-1] / ticks[0])), 1)
+
+
+def _y(share: float) -> float:
+    return round(235 - 210 * share, 1)
 
 
 def main() -> None:

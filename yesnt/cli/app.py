@@ -10,6 +10,7 @@ import typer
 
 from yesnt.cli import control, text
 from yesnt.cli.camera import camera
+from yesnt.cli.capture import capture
 from yesnt.cli.evaluate import evaluate
 from yesnt.cli.file_progress import FileProgress
 from yesnt.cli.gof import GofAction
@@ -345,6 +346,7 @@ def _print_result(session: object, missing: list[dict[str, object]]) -> None:
 app.command("eval")(evaluate)
 app.command("trade")(trade)
 app.command("camera")(camera)
+app.command("capture")(capture)
 for verb in (
     control.submit,
     control.export_openjd,

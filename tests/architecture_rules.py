@@ -18,7 +18,7 @@ FOLDERS = {
     "core": "shared terms",
     "temporal": "kernels", "relight": "kernels", "decompose": "kernels", "scene": "kernels", "metrics": "kernels",
     "gaussians": "kernels",
-    "io": "files", "capture": "files", "capture_stage": "files", "training": "files",
+    "io": "files", "capture": "files", "capture_stage": "files", "blender_set": "files", "training": "files",
     "planning": "plans",
     "tasks": "tasks",
     "workflows": "workflows",

@@ -10,7 +10,7 @@ around it is lit, and both are composited.
 
 from __future__ import annotations
 
-from yesnt.planning.builders.composite import composite_nodes
+from yesnt.planning.builders.composite import composite_nodes, compositing_nodes
 from yesnt.planning.builders.confidence import confidence_nodes
 from yesnt.planning.builders.correct import correct_nodes
 from yesnt.planning.builders.decompose import full_frame_nodes, in_between_nodes, window_nodes
@@ -20,6 +20,7 @@ from yesnt.planning.builders.gaussians import after_views, gaussian_nodes
 from yesnt.planning.builders.ground import ground_nodes
 from yesnt.planning.builders.preview import preview_nodes, segment_nodes
 from yesnt.planning.builders.relight import relight_nodes
+from yesnt.planning.builders.scene import bake_nodes, scene_nodes
 from yesnt.planning.builders.set_stage import set_nodes
 from yesnt.planning.builders.solve import solve_nodes
 from yesnt.planning.graph import Graph
@@ -41,9 +42,12 @@ def shot_graph(plan: ShotPlan) -> Graph:
     graph.extend(confidence_nodes(plan, graph))
     graph.extend(solve_nodes(plan, graph))
     graph.extend(ground_nodes(plan, graph))
+    graph.extend(bake_nodes(plan, graph))
     graph.extend(after_views(graph, relight_nodes(plan, graph)))
     graph.extend(after_views(graph, set_nodes(plan, graph)))
+    graph.extend(after_views(graph, scene_nodes(plan, graph)))
     graph.extend(composite_nodes(plan, graph))
+    graph.extend(compositing_nodes(plan))
     graph.extend(segment_nodes(plan, graph))
     graph.extend(preview_nodes(plan, graph))
     return graph

@@ -56,6 +56,7 @@ SETTINGS: dict[str, tuple[type, ...]] = {
     ),
     "confidence": (Temporal,),
     "solve": (Temporal, EnergyParams),
+    "bake": (SetInput, ProxyInput),
     "ground": (ProxyInput, SetInput),
     "relight": (PlateInput, GBufferInput, ProxyInput, LightInput, CaptureInput, RelightSettings, SetInput),
     "set": (PlateInput, GBufferInput, ProxyInput, LightInput, RelightSettings, SetInput),

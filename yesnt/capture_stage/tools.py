@@ -11,13 +11,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from yesnt.core.errors import MissingPartError, YesntError
+from yesnt.core.errors import JobError, MissingPartError, YesntError
 
 _HERE = Path(__file__).resolve().parent
 BLENDER_VARIABLE = "YESNT_BLENDER"
 ANNY_VARIABLE = "YESNT_ANNY"
 DEFAULT_BLENDER = ".venv-blender/bin/python"
 DEFAULT_ANNY = ".venv-anny/bin/python"
+REPORTED = "yesnt-error "
+"""Begins the line of stderr in which a script inside Blender reports a mistake of the user's files."""
 
 
 @dataclass(frozen=True)
@@ -82,8 +84,10 @@ def run_script(tools: Tools, script: Path, arguments: Sequence[str], timeout: fl
     Raises:
         YesntError: Blender ended in an error; the message holds the last lines of its log.
     """
-    program = [tools.blender] if _is_python(tools) else [tools.blender, "--background", "--python"]
-    head = [*program, str(script)] if _is_python(tools) else [*program, str(script), "--"]
+    # A Blender program ends with status 0 after an error of a script unless told otherwise; the user's own start-up
+    # file, preferences and add-ons are left out, and a scene's own scripts do not run.
+    program = [tools.blender, "--background", "--factory-startup", "--disable-autoexec", "--python-exit-code", "1"]
+    head = [tools.blender, str(script)] if _is_python(tools) else [*program, "--python", str(script), "--"]
     _run([*head, *arguments], "Blender", tools.niceness, timeout)
 
 
@@ -133,11 +137,19 @@ def _run(command: Sequence[str], name: str, niceness: int, timeout: float) -> st
     except subprocess.TimeoutExpired as error:
         raise YesntError(f"{name} ran longer than {timeout:.0f} s", " ".join(command), "", "try again") from error
     if done.returncode:
+        _refuse_reported(done.stderr)
         tail = " | ".join((done.stderr or done.stdout).strip().splitlines()[-4:])
         raise YesntError(
             f"{name} ended with status {done.returncode}: {tail}", " ".join(command), "", "see its message"
         )
     return done.stdout
+
+
+def _refuse_reported(stderr: str) -> None:
+    """Raises the error that a script reports as a line of JSON: what, where, expected, do."""
+    found = [line.removeprefix(REPORTED) for line in stderr.splitlines() if line.startswith(REPORTED)]
+    if found:
+        raise JobError(*json.loads(found[-1]))
 
 
 def _first(path: str) -> str | None:

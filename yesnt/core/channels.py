@@ -73,11 +73,12 @@ _ALL = (
     Channel("shadow", 1, "float32", "1", "", 0.0, 1.0, ("shadow.Y",)),
     Channel("set_open", 3, "float32", "radiance", "working space", 0.0, None),
     Channel("set_ratio", 3, "float32", "1", "working space", 0.0, 1.0),
-    Channel("set_added", 3, "float32", "radiance", "working space", 0.0, None),
+    Channel("set_added", 3, "float32", "radiance", "working space", None, None),
     Channel("shadow_set", 1, "float32", "1", "", 0.0, 1.0, ("shadow_set.Y",)),
     Channel("reflection_set", 3, "float32", "radiance", "working space", None, None, _rgb("reflection_set")),
     Channel("env", 3, "float32", "radiance", "working space", None, None, _rgb("env")),
     Channel("holdout", 1, "float32", "1", "", 0.0, 1.0, ("holdout.Y",)),
+    Channel("front", 3, "float32", "radiance", "working space", 0.0, None, _rgb("front"), associated=True),
     Channel("composite", 4, "float32", "radiance", "working space", 0.0, None, ("R", "G", "B", "A"), associated=True),
     Channel("relit", 4, "float32", "radiance", "working space", 0.0, None,
             ("relit.R", "relit.G", "relit.B", "relit.A"), associated=True),
@@ -110,6 +111,7 @@ STORED = (
     "set_ratio",
     "set_added",
     "holdout",
+    "front",
 )
 """Channels that live in the frame store."""
 
@@ -119,7 +121,7 @@ DELIVERED = ("composite", "relit", "diffuse", "specular", "shadow", "material", 
 MEASURED = ("views",)
 """Channels that it carries after these where the capture's cameras measure the materials."""
 
-SET_LAYERS = ("shadow_set", "reflection_set", "env", "holdout")
+SET_LAYERS = ("shadow_set", "reflection_set", "env", "holdout", "front")
 """Channels that it carries after these where the job has a set."""
 
 ON_REQUEST = ("base_color",)

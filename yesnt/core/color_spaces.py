@@ -91,6 +91,8 @@ class JobColors:
         light: of the map that relights, to the working space.
         capture_light: of the map that the plate was captured under, to the working space.
         capture: of the pictures of the capture's cameras, to the working space.
+        scene: of Blender's pictures, which are linear Rec.709, to the working space.
+        to_scene: from the working space to linear Rec.709.
         output: from the working space to the space of the delivered EXRs.
         display: from there to the preview's display.
         output_space: what the EXRs' headers state.
@@ -102,6 +104,8 @@ class JobColors:
     light: Conversion = Conversion()
     capture_light: Conversion = Conversion()
     capture: Conversion = Conversion()
+    scene: Conversion = Conversion()
+    to_scene: Conversion = Conversion()
     output: Conversion = Conversion()
     display: Conversion = Conversion(target=SRGB)
     output_space: OutputSpace = field(default_factory=OutputSpace)

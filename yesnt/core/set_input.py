@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from yesnt.core.job_part import Part
+from yesnt.core.scene_input import scene_file
 
 _Share = Annotated[float, Field(ge=0, le=1)]
+
+
+_OF_SURFACES = frozenset({"color", "roughness", "metallic", "radius"})
+_OF_SCENES = frozenset({"at", "yaw"})
 
 
 class SetInput(Part):
@@ -18,6 +23,9 @@ class SetInput(Part):
     in world metres. `color` is the base colour, linear in the working space. `show` renders the set, and the light's
     map beyond it; `catch` leaves a background plate as it is, but for the subject's shadow and reflection. The ground
     ends softly: it fades from half of `radius`, metres, to all of it.
+
+    `blend` is a scene of Blender (.blend, .gltf, .glb) instead: `at` is where the origin of the shot's world stands in
+    it, in metres, `yaw` turns that world about the vertical, in degrees, counter-clockwise from above.
     """
 
     ground: Literal["auto"] | float | None = None
@@ -27,11 +35,17 @@ class SetInput(Part):
     metallic: _Share = 0.0
     mode: Literal["show", "catch"] = "show"
     radius: Annotated[float, Field(ge=0.5, le=10000)] = 10.0
+    blend: Annotated[str, AfterValidator(scene_file)] | None = None
+    at: Annotated[tuple[float, float, float], Field(strict=False)] = (0.0, 0.0, 0.0)
+    yaw: float = 0.0
 
     @model_validator(mode="after")
     def _one_surface(self) -> Self:
-        if (self.ground is None) == (self.mesh is None):
-            raise ValueError("it needs `ground` or `mesh`, and not both")
+        if sum(one is not None for one in (self.ground, self.mesh, self.blend)) != 1:
+            raise ValueError("it needs one of `ground`, `mesh` and `blend`")
+        of_others = _OF_SURFACES if self.blend is not None else _OF_SCENES
+        if odd := sorted(of_others & self.model_fields_set):
+            raise ValueError(f"`{odd[0]}` is of {'a ground or a mesh' if self.blend is not None else '`blend`'}")
         if self.mesh is not None and "radius" in self.model_fields_set:
             raise ValueError("`radius` is of a ground, a mesh has its own size")
         return self

@@ -14,6 +14,7 @@ from yesnt.core.gaussian_input import GaussianInput, fill_from_field, is_made
 from yesnt.core.job_part import FIXED, Colorspace, Knob, Part
 from yesnt.core.keyframes import Numbers, number_at, numbers_at
 from yesnt.core.material_input import DecomposeInput, MaterialInput
+from yesnt.core.scene_input import SceneFacts
 from yesnt.core.set_input import SetInput, refuse_unusable_set
 from yesnt.core.windows import Raster, Window
 
@@ -130,9 +131,23 @@ class _Map(Part):
 
 
 class LightInput(_Map):
-    """The light that relights."""
+    """The light that relights: a map, or the word `set`, which bakes the map at the actor's place from the scene."""
 
-    path: str
+    path: str | None = None
+    set: bool = False
+
+    @model_validator(mode="before")
+    @classmethod
+    def _word(cls, value: Any) -> Any:
+        if isinstance(value, str) and value != "set":
+            raise ValueError("it is a map (`path:`) or the word `set`")
+        return {"set": True} if value == "set" else value
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Self:
+        if self.set == (self.path is not None):
+            raise ValueError("it needs a path or the word `set`, and not both")
+        return self
 
 
 class CaptureInput(_Map):
@@ -263,6 +278,16 @@ class Shot(Part):
         return None if self.evidence.use is False else self.capture
 
     @property
+    def built_in_set(self) -> SetInput | None:
+        """The set, if it is a ground or a mesh."""
+        return None if self.set is None or self.set.blend is not None else self.set
+
+    @property
+    def scene(self) -> str | None:
+        """Path of the scene that is the set; None if there is none."""
+        return None if self.set is None else self.set.blend
+
+    @property
     def made(self) -> tuple[str, ...]:
         """Patterns of pictures and meshes that the run itself makes from the Gaussian fields, each once."""
         proxy = self.proxy.path if self.proxy else None
@@ -278,6 +303,8 @@ class Shot(Part):
     def _set_whole(self) -> Self:
         shadows = self.relight.get("shadows", True)
         refuse_unusable_set(self.set, self.proxy is not None, self.background is not None, shadows)
+        if self.light.set and self.scene is None:
+            raise ValueError("`light: set` is baked from a scene; name it as `set: {blend: scene.blend}`")
         return self
 
     @model_validator(mode="after")
@@ -297,6 +324,7 @@ class Job(Part):
         height: rows that are processed.
         raster: windows and pixel aspect ratio of the plates; None: all pictures are as large as the camera's.
         colors: how colours are converted on the way in and out.
+        scene: what Blender says of the scene that is the set; None: there is none.
     """
 
     shot: Shot
@@ -306,6 +334,7 @@ class Job(Part):
     height: int
     raster: Raster | None = None
     colors: JobColors = JobColors()
+    scene: SceneFacts | None = None
 
     @property
     def window(self) -> Window:

@@ -104,7 +104,8 @@ def forecast(session: Session) -> Forecast:
     planned = [name for name, row in STAGES.items() if name in used or not (awaiting or row.in_lanes or row.optional)]
     progress = _Progress(graph, index)
     rows = tuple(_row(session, progress, stage, reasons[stage]) for stage in planned)
-    terms = () if awaiting else _relight_terms(session)
+    unbaked = session.job.shot.light.set and not session.output.baked_light.exists()
+    terms = () if awaiting or unbaked else _relight_terms(session)
     modelled = tuple(f"{term.term}: {term.reason}" for term in terms if term.modelled)
     spent = sampling_cost(session, graph, index)
     warnings += clamp_lines(session.job.frames, graph, index)
@@ -194,7 +195,7 @@ def _left_out(session: Session, terms: Iterable[Requirement]) -> list[str]:
         found.append("optical flow: the job brings its own")
     if session.plan().exchange.sweeps == 0:
         found.append("exchange between chunks: the shot fits into one")
-    if shot.background is None:
+    if shot.background is None and shot.set is None:
         found.append("background plate: the light's map is seen instead")
     return found
 

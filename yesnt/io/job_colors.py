@@ -118,9 +118,18 @@ class _Resolver:
             display=self._display(output.name),
             output_space=output,
             **inputs,
+            **self._scene(),
         )
         found = shot.model_copy(update={**sections, "color": color.model_copy(update={"output": output.name})})
         return found, colors, tuple(self._spaces.notes)
+
+    def _scene(self) -> dict[str, Conversion]:
+        """Conversions of the scene's pictures, and of its baked map; none without a scene."""
+        if self._shot.scene is None:
+            return {}
+        working, light = self._shot.color.working, self._shot.light
+        there, back = self._spaces.conversion(LIN_REC709, working), self._spaces.conversion(working, LIN_REC709)
+        return {"scene": there, "to_scene": back, **({"light": there} if light.set else {})}
 
     def _input_space(self, role: str, pattern: str) -> str:
         """The space of a sequence: what the job says, which the files must not contradict, or what the files say."""

@@ -79,6 +79,16 @@ class OutputFolder:
         return self.exr / f"{name}.{frame:04d}.exr"
 
     @property
+    def baked_light(self) -> Path:
+        """The environment map that was baked from the scene."""
+        return self.root / "set" / "light.exr"
+
+    @property
+    def blender(self) -> Path:
+        """Folder of what Blender renders while a frame of the set is made."""
+        return self.run / "blender"
+
+    @property
     def segments(self) -> Path:
         """Folder of the preview video's segments while frames arrive, in a folder named after their stage."""
         return self.run / "segments"

@@ -20,7 +20,7 @@ from yesnt.planning import settings as of
 from yesnt.planning.chunks import ChunkPlan
 from yesnt.planning.exchange import Exchange
 from yesnt.planning.keyed_settings import changed_keys
-from yesnt.planning.stages import CORRECT, DECOMPOSE, EVIDENCE, GROUND, SET, STAGES, Stage
+from yesnt.planning.stages import BAKE, CORRECT, DECOMPOSE, EVIDENCE, GROUND, SET, STAGES, Stage
 from yesnt.planning.task_records import Gaps
 from yesnt.temporal.outliers import OUTLIER_HALO
 
@@ -87,7 +87,10 @@ class ShotPlan:
 
     def _runs(self, row: Stage) -> bool:
         """Whether the job has tasks of an optional stage."""
-        with_set = {GROUND, SET} if self.job.shot.set is not None else set()
+        shot = self.job.shot
+        with_set = {SET} if shot.set is not None else set()
+        with_set |= {GROUND} if shot.built_in_set is not None else set()
+        with_set |= {BAKE} if shot.light.set else set()
         return not row.optional or StageId(row.name) in {self.estimated, self.observed, *with_set}
 
     @property

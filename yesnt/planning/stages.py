@@ -150,23 +150,35 @@ _ROWS = (
         files=("height of the ground",), optional=True,
     ),
     Stage(
+        "bake", 1, "shot", "scene, proxies of three frames (only jobs with `light: set`)",
+        Cost(30.0, 0.0, 1500, 0, 0, scheduler_seconds=30), "#c9a66b",
+        {records.BakeTask: "yesnt.tasks.scene:bake_light"},
+        files=("environment map",), optional=True,
+    ),
+    Stage(
         "relight", 9, "frame", "plate, G-buffer, proxy, material, light; the ground and the set's mesh",
         Cost(0.2, 12.0, 500, 400, 8, scheduler_seconds=5), "#edae49",
         {records.RelightTask: "yesnt.tasks.relight:relight"},
         channels=("base_color", "diffuse", "specular", "shadow"),
     ),
     Stage(
-        "set", 1, "frame", "base_color, diffuse, specular, material, matte, G-buffer, proxy, light, ground "
+        "set", 1, "frame", "base_color, diffuse, specular, material, matte, G-buffer, proxy, light, ground or scene "
         "(only jobs with a set)",
         Cost(0.2, 12.0, 500, 600, 8), "#c58b5b",
-        {records.SetTask: "yesnt.tasks.set_stage:light_the_set"},
-        channels=("set_open", "set_ratio", "set_added", "holdout"), optional=True,
+        {
+            records.SetTask: "yesnt.tasks.set_stage:light_the_set",
+            records.SceneTask: "yesnt.tasks.scene:render_scene",
+        },
+        channels=("set_open", "set_ratio", "set_added", "holdout", "front"), optional=True,
     ),
     Stage(
         "composite", 3, "frame", "diffuse, specular, background or what the set shows",
         Cost(0.05, 1.5, 400, 250, 18), "#66a182",
-        {records.CompositeTask: "yesnt.tasks.composite:composite"},
-        files=("EXR sequence",),
+        {
+            records.CompositeTask: "yesnt.tasks.composite:composite",
+            records.CompositingTask: "yesnt.tasks.compositing:write_scripts",
+        },
+        files=("EXR sequence", "scripts for Nuke and Blender"),
     ),
     Stage(
         "preview", 5, "second of the video; then the shot", "the EXR sequence",
@@ -186,8 +198,12 @@ FORMER_ARRAYS = ("evaluations",)
 """Arrays of the store in outputs of older versions; a run removes them."""
 
 (
-    MESH, VIEW, WINDOW, DECOMPOSE, FLOW, EVIDENCE, CORRECT, CONFIDENCE, SOLVE, GROUND, RELIGHT, SET, COMPOSITE, PREVIEW,
+    MESH, VIEW, WINDOW, DECOMPOSE, FLOW, EVIDENCE, CORRECT, CONFIDENCE, SOLVE, GROUND, BAKE, RELIGHT, SET, COMPOSITE,
+    PREVIEW,
 ) = map(StageId, STAGES)  # fmt: skip
+
+COMPOSITING = StageId("composite", part="scripts")
+"""Scripts for other programs beside the EXR sequence, of jobs with a set."""
 
 SEGMENT = StageId("preview", part="segment")
 """Segments of the preview video."""

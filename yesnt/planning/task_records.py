@@ -204,6 +204,22 @@ class SetTask(TaskRecord):
 
 
 @dataclass(frozen=True)
+class BakeTask(TaskRecord):
+    """Bakes the environment map at the actor's place from the scene.
+
+    Attributes:
+        frames: whose proxies tell where the actor is.
+    """
+
+    frames: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class SceneTask(TaskRecord):
+    """Renders the scene of one frame with and without the subject."""
+
+
+@dataclass(frozen=True)
 class CompositeTask(TaskRecord):
     """Writes the EXR of one frame.
 
@@ -212,6 +228,11 @@ class CompositeTask(TaskRecord):
     """
 
     job_digest: str
+
+
+@dataclass(frozen=True)
+class CompositingTask(TaskRecord):
+    """Writes the scripts that put the layers together again in other programs."""
 
 
 @dataclass(frozen=True)

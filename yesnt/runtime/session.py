@@ -29,7 +29,7 @@ from yesnt.planning.frame_grid import DEAD, FrameGrid
 from yesnt.planning.graph import Graph, NodeId, stage_counts
 from yesnt.planning.resources import needs_gpu, runs_on_gpu
 from yesnt.planning.shot_plan import ShotPlan
-from yesnt.planning.stages import STAGES
+from yesnt.planning.stages import COMPOSITING, STAGES
 from yesnt.runtime.checks.inputs import InputChecks
 from yesnt.runtime.checks.preflight import Resolved, resolve
 from yesnt.runtime.clamps import clamp_lines
@@ -185,7 +185,9 @@ class Session:
         last = options.until or ("preview" if options.frames is None else "composite")
         if last in ("preview", "composite") and not wanted.isdisjoint(self.job.frames):
             chosen = [n.id for n in graph if n.stage.label == last and not wanted.isdisjoint(n.frames)]
-            return chosen if last == "composite" else [n.id for n in graph if n.stage.label in ("composite", "preview")]
+            if last == "preview":
+                chosen = [n.id for n in graph if n.stage.label in ("composite", "preview")]
+            return [*chosen, *(n.id for n in graph if n.stage == COMPOSITING)]
         return [n.id for n in graph if n.stage.name == last and not wanted.isdisjoint(n.frames)]
 
     def check_cluster(self, spec: ClusterSpec) -> ClusterSpec:

@@ -25,12 +25,14 @@ class Behind(NamedTuple):
         ratio: [H, W, 3] share of the light that the subject leaves, 0..1.
         added: [H, W, 3] radiance that the subject adds.
         holdout: [H, W] share of the pixel in which a part of the set is in front of the subject.
+        front: [H, W, 3] light of these parts, associated with `holdout`; None: `picture` holds it.
     """
 
     picture: Float32
     ratio: Float32
     added: Float32
     holdout: Float32
+    front: Float32 | None = None
 
     def with_subject(self) -> Float32:
         """The picture [H, W, 4] with the subject's shadow and reflection, and without the subject itself."""
@@ -53,6 +55,27 @@ class Behind(NamedTuple):
 def held_out(foreground: Float32, holdout: Float32) -> Float32:
     """An associated foreground [H, W, 4] without the share [H, W] of it that is hidden."""
     return foreground * (1 - holdout[..., None])
+
+
+def into_set(relit: Float32, behind: Behind) -> Float32:
+    """The subject over the set behind it, and under the parts of the set in front of it.
+
+    With `front`, `front + (1 - holdout) (relit + (1 - a) (ratio picture + added))`: an edge of such a part shows the
+    subject through the rest of the pixel, and nothing of what is behind the subject.
+
+    Args:
+        relit: [H, W, 4] associated.
+        behind: the set.
+
+    Returns:
+        [H, W, 4] associated.
+    """
+    background = behind.with_subject()
+    background[..., :3] = np.maximum(background[..., :3], 0)  # half of a denoised difference may fall below
+    if behind.front is None:
+        return over(held_out(relit, behind.holdout), background)
+    before = np.concatenate([behind.front, behind.holdout[..., None]], axis=-1)
+    return over(before, over(relit, background))
 
 
 def opaque(picture: Float32) -> Float32:

@@ -31,22 +31,22 @@ ABOVE_HALF = "composite: values above 65504, the largest of half, clamped to it"
 
 def composite(space: Workspace[CompositeTask]) -> None:
     """Writes the EXR of one frame and commits its digest."""
-    from yesnt.scene.composite import associate, held_out, over
+    from yesnt.scene.composite import associate, into_set, over
 
     job, frame = space.job, space.frame
     camera = space.camera()
     plate, surface = space.plate(frame, working=True), space.surface(frame, camera)
     diffuse, specular, shadow = (space.read(RELIGHT, name, frame) for name in ("diffuse", "specular", "shadow"))
     behind = _behind(space)
-    background = space.inputs.background() if behind is None else behind.with_subject()
+    background = space.inputs.background() if behind is None else behind.picture
     with space.kernel():
         if background is None:
-            background = backdrop(LightFiles(job, frame, space.node.inputs), camera)
+            background = backdrop(LightFiles.of_task(space), camera)
         relit = associate((diffuse + specular).transpose(1, 2, 0), plate.matte)
         if plate.uncovered is not None:  # a flame covers nothing, and is no surface to relight
             relit[..., :3] += plate.uncovered
         planes = {
-            "composite": over(relit if behind is None else held_out(relit, behind.holdout), background),
+            "composite": over(relit, background) if behind is None else into_set(relit, behind),
             "relit": relit.transpose(2, 0, 1),
             "diffuse": diffuse * plate.matte,
             "specular": specular * plate.matte,
@@ -78,14 +78,16 @@ def _behind(space: Workspace[CompositeTask]) -> Behind | None:
     picture = space.inputs.background()
     if picture is None:
         picture = opaque(space.read(SET, "set_open", space.frame).transpose(1, 2, 0))
-    return Behind(picture, ratio, added, space.read(SET, "holdout", space.frame)[0])
+    front = space.read(SET, "front", space.frame).transpose(1, 2, 0) if given.blend is not None else None
+    return Behind(picture, ratio, added, space.read(SET, "holdout", space.frame)[0], front)
 
 
 def _set_layers(behind: Behind | None) -> dict[str, Float32]:
     """The layers of a set; none without one."""
     if behind is None:
         return {}
-    return {
+    front = {} if behind.front is None else {"front": behind.front.transpose(2, 0, 1)}
+    return front | {
         "shadow_set": behind.shadow()[None],
         "reflection_set": behind.reflection().transpose(2, 0, 1),
         "env": behind.picture[..., :3].transpose(2, 0, 1),

@@ -10,23 +10,27 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.core.camera import Camera
 from yesnt.core.color_spaces import Conversion
+from yesnt.core.errors import JobError
 from yesnt.core.shot import CaptureInput, Job, LightInput
 from yesnt.io import env_maps, shot_inputs
 from yesnt.io.file_digests import file_digest
 from yesnt.io.jobfile import frame_path
+from yesnt.io.output import OutputFolder
 from yesnt.io.pictures.shot_raster import shot_camera
+from yesnt.planning.stages import BAKE
 from yesnt.tasks.inputs import prove_input
 
 if TYPE_CHECKING:
     from yesnt.relight import EnvMap, PreparedLight, RelightSettings, Surface
     from yesnt.scene.ground import Ground
+    from yesnt.tasks.workspace import Workspace
 
 Place = tuple[float, float, float]
 MapInput = LightInput | CaptureInput
@@ -38,10 +42,10 @@ def frame_map(job: Job, spec: MapInput | None, frame: int) -> EnvMap:
 
     if spec is None:
         return uniform_light()
-    if spec.path is None:
+    if isinstance(spec, CaptureInput) and spec.estimate:
         return estimated_map(job).turned(*spec.turn(frame))
     conversion = job.colors.light if isinstance(spec, LightInput) else job.colors.capture_light
-    return read_map(frame_path(job.root, spec.path, frame), spec, conversion).turned(*spec.turn(frame))
+    return read_map(_map_path(job, spec, frame), spec, conversion).turned(*spec.turn(frame))
 
 
 def read_map(path: Path, spec: MapInput, conversion: Conversion) -> EnvMap:
@@ -82,6 +86,14 @@ class LightFiles:
     job: Job
     frame: int
     digests: Mapping[str, str]
+
+    @classmethod
+    def of_task(cls, space: Workspace[Any]) -> LightFiles:
+        """With the digests of a task's key, and that of the map that the task's job bakes."""
+        digests = dict(space.node.inputs)
+        if space.job.shot.light.set:
+            digests["light"] = space.committed_file(BAKE, space.job.frames[0], space.output.baked_light)
+        return cls(space.job, space.frame, digests)
 
     @classmethod
     def read(cls, job: Job, frame: int) -> LightFiles:
@@ -158,10 +170,30 @@ class _Known:
             prove_input(paths[role], digest)
 
 
+def _map_path(job: Job, spec: MapInput, frame: int) -> Path:
+    """The file of a map in a frame: the job's, or the one that was baked from its scene.
+
+    Raises:
+        JobError: it is to be baked and was not yet.
+    """
+    if spec.path is not None:
+        return frame_path(job.root, spec.path, frame)
+    baked = OutputFolder.of(job).baked_light
+    if not baked.exists():
+        raise JobError(
+            "The map that is baked from the scene is not there yet", str(baked), "a run of this job that baked it",
+            "`yesnt run SHOT --until bake` makes it",
+        )  # fmt: skip
+    return baked
+
+
 def _map_paths(job: Job, frame: int) -> dict[str, Path]:
     """Role -> file, for every file that the maps of a frame are made from."""
     specs: dict[str, MapInput | None] = {"light": job.shot.light, "capture": job.shot.capture_light}
-    paths = {role: frame_path(job.root, spec.path, frame) for role, spec in specs.items() if spec and spec.path}
+    files = {
+        role: spec for role, spec in specs.items() if spec and not (isinstance(spec, CaptureInput) and spec.estimate)
+    }
+    paths = {role: _map_path(job, spec, frame) for role, spec in files.items()}
     if job.shot.capture_light is not None and job.shot.capture_light.estimate:
         paths["camera"] = frame_path(job.root, job.shot.camera, frame)
         for probe in job.probe_frames:

@@ -27,7 +27,7 @@ def relight(space: Workspace[RelightTask]) -> None:
     with space.kernel():
         proxy = relight_inputs.proxy_scene(mesh, ProxyScene)
         inputs = relight_inputs.RelightInputs(plate, seen, camera, frame, proxy, around)
-        lights = prepared_lights(LightFiles(job, frame, space.node.inputs), inputs.surface(material), settings)
+        lights = prepared_lights(LightFiles.of_task(space), inputs.surface(material), settings)
         relit = relight_inputs.relight(inputs, material, lights, settings)
     space.commit(
         frame,

@@ -46,7 +46,7 @@ def light_the_set(space: Workspace[SetTask]) -> None:
         proxy = relight_inputs.proxy_scene(mesh, ProxyScene)
         assert proxy is not None
         surface = relight_inputs.RelightInputs(plate, seen, camera, frame, proxy).surface(material)
-        files = LightFiles(job, frame, space.node.inputs)
+        files = LightFiles.of_task(space)
         light = relighting_light(files, surface, settings)
         subject = RelitSubject(surface, base, diffuse, specular, proxy)
         image = _image(ground, around, surface)

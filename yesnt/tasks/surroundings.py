@@ -19,7 +19,7 @@ def surroundings(space: Workspace[Any]) -> Surroundings | None:
     from yesnt.relight import ProxyScene
     from yesnt.relight.surroundings import SetMaterial, Surroundings
 
-    given = space.job.shot.set
+    given = space.job.shot.built_in_set
     if given is None:
         return None
     material = SetMaterial(np.array(given.color, np.float32), given.roughness, given.metallic)

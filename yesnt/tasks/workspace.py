@@ -9,6 +9,7 @@ import time
 from collections.abc import Hashable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from functools import cached_property
+from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -146,6 +147,20 @@ class Workspace(Generic[T_co]):
                 "a record, since this task was started after it", "run again: the frame will be made",
             )  # fmt: skip
         return record.arrays[array]
+
+    def committed_file(self, stage: StageId, frame: int, path: Path) -> str:
+        """The digest of a file that another stage committed.
+
+        Raises:
+            CorruptError: not committed.
+        """
+        record, name = self.book.find(stage, frame), str(path.relative_to(self.output.root))
+        if record is None or name not in record.files:
+            raise CorruptError(
+                f"Stage {stage} has no record of {name}", str(self.book.path(stage, frame)),
+                "a record, since this task was started after it", "run again: it will be made",
+            )  # fmt: skip
+        return record.files[name]
 
     @contextmanager
     def claimed(self) -> Iterator[None]:

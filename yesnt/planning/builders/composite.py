@@ -10,8 +10,8 @@ from yesnt.planning.builders.assemble import frame_keys, frame_node, node_fields
 from yesnt.planning.graph import Graph, Node
 from yesnt.planning.keyed_settings import changed_fields, changed_keys, shared
 from yesnt.planning.shot_plan import ShotPlan
-from yesnt.planning.stages import COMPOSITE, EVIDENCE, RELIGHT, SET
-from yesnt.planning.task_records import CompositeTask
+from yesnt.planning.stages import COMPOSITE, COMPOSITING, EVIDENCE, RELIGHT, SET
+from yesnt.planning.task_records import CompositeTask, CompositingTask
 
 
 def composite_nodes(plan: ShotPlan, graph: Graph) -> Iterator[Node]:
@@ -39,6 +39,15 @@ def composite_nodes(plan: ShotPlan, graph: Graph) -> Iterator[Node]:
         yield frame_node(plan, COMPOSITE, frame, fields, task, needs)
 
 
+def compositing_nodes(plan: ShotPlan) -> Iterator[Node]:
+    """The scripts for other programs; none without a set."""
+    if plan.job.shot.set is None:
+        return
+    settings = shared(name=plan.job.shot.name, frames=[plan.job.frames[0], plan.job.frames[-1]], **_header(plan))
+    fields = node_fields(plan, COMPOSITING, settings)
+    yield Node(COMPOSITING, 0, plan.job.frames[:1], fields, (), CompositingTask())
+
+
 def _header(plan: ShotPlan) -> dict[str, Any]:
     """What the EXR's header takes from the plates' headers, beside what every stage depends on."""
     raster = plan.job.raster
@@ -50,7 +59,7 @@ def _header(plan: ShotPlan) -> dict[str, Any]:
     return {"display": box, "metadata": list(raster.metadata)}
 
 
-def _backdrop(plan: ShotPlan) -> dict[str, str]:
+def _backdrop(plan: ShotPlan) -> dict[str, str | None]:
     """Pattern of the background: a plate, or the light's map as the camera sees it."""
     shot = plan.job.shot
     if shot.set is not None and shot.set.mode == "show":

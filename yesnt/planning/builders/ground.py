@@ -15,11 +15,11 @@ from yesnt.planning.task_records import GroundTask
 def ground_nodes(plan: ShotPlan, graph: Graph) -> Iterator[Node]:
     """Where the subject stands, from the proxies of all frames."""
     shot, frames = plan.job.shot, plan.job.frames
-    if shot.set is None:
+    if shot.built_in_set is None:
         return
     assert shot.proxy is not None, "a set needs a proxy"
     settings = shared(
-        ground=changed_keys(shot.set, {"mesh", "color", "roughness", "metallic", "mode"}),
+        ground=changed_keys(shot.built_in_set, {"mesh", "color", "roughness", "metallic", "mode"}),
         proxy=changed_keys(shot.proxy, {"path"}),
     )
     inputs = {f"proxy {f}": digest for f in frames for digest in plan.inputs(f, proxy=shot.proxy.path).values()}

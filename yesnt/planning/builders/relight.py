@@ -12,19 +12,21 @@ from yesnt.planning.builders.assemble import frame_keys, frame_node, node_fields
 from yesnt.planning.graph import Graph, Node
 from yesnt.planning.keyed_settings import changed_fields, changed_keys, shared
 from yesnt.planning.shot_plan import ShotPlan
-from yesnt.planning.stages import GROUND, RELIGHT, SOLVE
+from yesnt.planning.stages import BAKE, GROUND, RELIGHT, SOLVE
 from yesnt.planning.task_records import RelightTask
 
 
 def relight_nodes(plan: ShotPlan, graph: Graph) -> Iterator[Node]:
     """Every frame with the capture light divided out and the new light applied."""
     settings, probes = _SettingsByFrame(plan), probe_inputs(plan)
-    grounds = [graph.committer(GROUND, plan.job.frames[0])] if plan.job.shot.set else []
+    shot, first = plan.job.shot, plan.job.frames[0]
+    once = (*((GROUND,) if shot.built_in_set else ()), *((BAKE,) if shot.light.set else ()))
+    of_shot = [graph.committer(stage, first) for stage in once]
     for frame in plan.delivered:
         inputs = _frame_inputs(plan, frame) | probes
-        upstream = frame_keys(graph, frame, [SOLVE]) | node_keys(grounds)
+        upstream = frame_keys(graph, frame, [SOLVE]) | node_keys(of_shot)
         fields = node_fields(plan, RELIGHT, settings.of(frame), upstream, inputs=inputs)
-        yield frame_node(plan, RELIGHT, frame, fields, RelightTask(), [graph.committer(SOLVE, frame), *grounds])
+        yield frame_node(plan, RELIGHT, frame, fields, RelightTask(), [graph.committer(SOLVE, frame), *of_shot])
 
 
 class _SettingsByFrame:
@@ -50,7 +52,7 @@ def _settings(shot: Shot, light: LightInput, capture: CaptureInput | None, plate
         capture=changed_keys(capture, {"path"}) if capture else None,
         gbuffer=changed_keys(shot.gbuffer, {"path"}),
         proxy=changed_keys(shot.proxy, {"path"}) if shot.proxy else None,
-        set=changed_keys(shot.set, {"mesh", "mode"}) if shot.set else None,
+        set=changed_keys(shot.built_in_set, {"mesh", "mode"}) if shot.built_in_set else None,
         **plate,
     )
 
@@ -60,7 +62,7 @@ def _frame_inputs(plan: ShotPlan, frame: int) -> dict[str, str]:
     return plan.plate_inputs(frame) | plan.inputs(
         frame, gbuffer=shot.gbuffer.path, proxy=shot.proxy.path if shot.proxy else None,
         light=shot.light.path, capture=shot.capture_light.path if shot.capture_light else None, camera=shot.camera,
-        mesh=shot.set.mesh if shot.set else None,
+        mesh=shot.built_in_set.mesh if shot.built_in_set else None,
     )  # fmt: skip
 
 

@@ -18,13 +18,13 @@ from yesnt.planning.task_records import SetTask
 def set_nodes(plan: ShotPlan, graph: Graph) -> Iterator[Node]:
     """The light on the set in every frame."""
     shot = plan.job.shot
-    if shot.set is None:
+    if shot.built_in_set is None:
         return
     ground = graph.committer(GROUND, plan.job.frames[0])
     for frame in plan.delivered:
         inputs = plan.plate_inputs(frame) | plan.inputs(
             frame, gbuffer=shot.gbuffer.path, proxy=shot.proxy.path if shot.proxy else None, light=shot.light.path,
-            camera=shot.camera, mesh=shot.set.mesh,
+            camera=shot.camera, mesh=shot.built_in_set.mesh,
         )  # fmt: skip
         upstream = frame_keys(graph, frame, (SOLVE, RELIGHT)) | node_keys([ground])
         fields = node_fields(plan, SET, _settings(plan, shot, frame), upstream, inputs=inputs)

@@ -26,6 +26,7 @@ from yesnt.io.pictures.shot_raster import for_raster, shot_raster
 from yesnt.io.records import digest_of
 from yesnt.planning import settings as of
 from yesnt.planning.keyed_settings import changed_keys
+from yesnt.runtime.checks.scene import resolve_scene
 from yesnt.temporal.flow import LEARNED
 
 READERS = 2
@@ -112,6 +113,13 @@ def resolve(
     if shot.plate.path not in shot.made:  # what is made has the camera's size
         job = _with_raster(job, digests, camera, headers)
         headers.save()
+    scenes = FactCache(OutputFolder.of(job).run / "scene_facts.json")
+    scene = resolve_scene(job, camera, digests, scenes)
+    if scene is not None:
+        scenes.save()
+        paths = dict.fromkeys(map(Path, scene.files))
+        digests |= memory.of(paths, lambda done, total: progress("Hashing files", done, total))
+        job = job.model_copy(update={"scene": scene})
     return Resolved(job, digests, backend, notes, capture, memory, headers, awaiting)
 
 
@@ -185,6 +193,8 @@ def _input_files(job: Job, without: Collection[str] = ()) -> Iterable[Path]:
         yield frame_path(job.root, shot.flow.weights, 0)
     if shot.set is not None and shot.set.mesh is not None:
         yield frame_path(job.root, shot.set.mesh, 0)
+    if shot.scene is not None:
+        yield frame_path(job.root, shot.scene, 0)
     yield frame_path(job.root, shot.camera, 0)
     for light in (shot.light, shot.capture_light):
         if light is not None and light.path is not None:

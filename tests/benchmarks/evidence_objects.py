@@ -1,9 +1,10 @@
 """Materials of six objects that Cycles rendered, by the number of cameras. Needs Blender (`make blender`).
 
-    python tests/benchmarks/evidence_objects.py [FOLDER]
+    python tests/benchmarks/evidence_objects.py [FOLDER [SEEDS]]
 
-A box, balls, a ring and a pill occlude and mirror one another; one ball is a half metal. Pictures, kept in
-FOLDER, are 96 x 96 with 64 samples. The guess is roughness 0.5 and metallic 0.3 everywhere.
+A box, balls, a ring and a pill occlude and mirror one another; one ball is a half metal. Seed 0 has the materials of
+`OBJECTS`; others draw them. Pictures, kept in FOLDER, are 96 x 96 with 64 samples. The guess is roughness 0.5 and
+metallic 0.3 everywhere.
 """
 
 import json
@@ -44,6 +45,18 @@ GIVEN = ((1, "exact", 0), (4, "exact", 0), (8, "exact", 0), (8, "coarse", 0), (8
 """Number of cameras, proxy, whether errors are added."""
 
 
+def materials(seed):
+    """Roughness, metallic and base colour of the six objects: of `OBJECTS`, or drawn."""
+    if seed == 0:
+        return [entry[1:] for entry in OBJECTS]
+    rng = np.random.default_rng(seed)
+    metallic = rng.permutation([0, 0, 0, 1, 1, rng.choice([0, 1, rng.uniform(0.2, 0.8)])])
+    roughness = rng.permutation(np.linspace(0.1, 0.95, 6) + rng.uniform(-0.07, 0.05, 6))
+    lowest = np.where(metallic > 0.5, 0.45, 0.03)[:, None]
+    grey, tint = rng.uniform(lowest, 0.85, (6, 1)), rng.uniform(0.6, 1.1, (6, 3))
+    return list(zip(roughness.tolist(), metallic.tolist(), (grey * tint).tolist(), strict=True))
+
+
 def meshes(detail=1):
     """The objects; `detail` 0 is a coarse proxy of 2,000 triangles."""
     ball, sections = (5, (96, 40)) if detail else (2, (28, 12))
@@ -63,7 +76,7 @@ def cameras():
     return [look_from(way, SIZE, DISTANCE) for way in ([0, -1, 0.15], *around(8))]
 
 
-def render(folder):
+def render(folder, seed):
     """Renders what the folder lacks."""
     if all((folder / f"{name}.8.exr").exists() for name in LIGHTS):
         return
@@ -71,7 +84,7 @@ def render(folder):
     entries = [
         {"name": name, "vertices": mesh.vertices.tolist(), "faces": mesh.faces.tolist(), "roughness": roughness,
          "metallic": metallic, "base": base, "smooth": name != "box"}
-        for (name, roughness, metallic, base), mesh in zip(OBJECTS, meshes(), strict=True)
+        for (name, *_), (roughness, metallic, base), mesh in zip(OBJECTS, materials(seed), meshes(), strict=True)
     ]  # fmt: skip
     poses = [camera.poses[FRAME].tolist() for camera in cameras()]
     scene = {"size": SIZE, "fx": cameras()[0].fx, "objects": entries, "poses": poses}

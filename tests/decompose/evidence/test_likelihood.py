@@ -4,7 +4,7 @@ import pytest
 from yesnt.decompose.evidence import fit, reference
 from yesnt.decompose.evidence.posterior import log_prior, metallic_shares, moments, posterior
 from yesnt.decompose.evidence.records import Observations, Responses
-from yesnt.decompose.evidence.settings import METALLIC, ROUGHNESS, EvidenceSettings
+from yesnt.decompose.evidence.settings import DARKEST_METAL, HALF_METALS, METALLIC, ROUGHNESS, EvidenceSettings
 
 SETTINGS = EvidenceSettings()
 
@@ -102,7 +102,8 @@ def test_evidence_makes_the_posterior_narrow_and_half_metals_are_possible() -> N
     prior = log_prior(np.array([[0.9, 0.0]]), np.full((1, 2), 0.1), SETTINGS)
     found, std = moments(posterior(cost, prior, SETTINGS))
     np.testing.assert_allclose(found, [[ROUGHNESS[5], 0.5]], atol=0.01)
-    assert std.max() < 0.05
+    cells = 0.5 * (ROUGHNESS[6] - ROUGHNESS[4]), 0.5 * (METALLIC[3] - METALLIC[1])
+    np.testing.assert_allclose(std[0], np.array(cells) / np.sqrt(12), rtol=0.05, err_msg="a level stands for its cell")
 
 
 def test_the_prior_on_metallic_is_smooth() -> None:
@@ -110,3 +111,35 @@ def test_the_prior_on_metallic_is_smooth() -> None:
     assert shares.sum() == pytest.approx(1)
     assert shares[0] > shares[-1] > shares[1:-1].max()
     assert shares.min() > 0.02
+
+
+def test_the_share_of_half_metals_is_that_of_the_even_part() -> None:
+    assert metallic_shares()[1:-1].sum() == pytest.approx(HALF_METALS * 0.75, rel=0.1)
+
+
+def test_darkness_tells_against_a_metal_alone_and_no_more_than_a_bound() -> None:
+    level = np.array([0.0, 0.04, 0.3, 0.59, 0.9])
+    metal = reference.darkness(1.0, level)
+    assert metal[0] == DARKEST_METAL
+    assert (np.diff(metal[:4]) <= 0).all()
+    assert metal[2] > 0.5
+    np.testing.assert_array_equal(metal[3:], 0)
+    assert not reference.darkness(0.0, level).any()
+    np.testing.assert_allclose(reference.darkness(0.5, level), 0.5 * metal)
+
+
+def test_a_black_dielectric_is_not_taken_for_a_metal_of_base_colour_0_04() -> None:
+    """Both look the same; the darkness of the metal decides."""
+    seen, of = random_case(views=6)
+    slope, offset = reference.linear_form(of, np.zeros((len(seen.valid), 3)), 4, 0.0)
+    same = of._replace(metal_f0=25 * of.dielectric, metal_f90=0 * of.dielectric, missing=0 * of.missing)
+    black = seen._replace(radiance=offset.astype(np.float32), valid=np.ones_like(seen.valid))
+    cost = fit.negative_log_likelihood(black, same, SETTINGS)[:, 4]
+    np.testing.assert_allclose((cost[:, -1] - cost[:, 0]) / SETTINGS.temper, DARKEST_METAL, atol=0.5)
+
+
+def test_many_cameras_that_all_disagree_leave_finite_numbers() -> None:
+    """A product of 250 factors of 1e7 has no float64."""
+    seen, of = random_case(points=2, views=250)
+    far = seen._replace(sigma=np.full_like(seen.sigma, 1e-9), valid=np.ones_like(seen.valid))
+    assert np.isfinite(fit.negative_log_likelihood(far, of, SETTINGS)).all()

@@ -8,15 +8,24 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from yesnt.core.color import LUMINANCE_REC709
 from yesnt.decompose.evidence.records import Observations, Responses
-from yesnt.decompose.evidence.settings import EvidenceSettings, metallic_levels
+from yesnt.decompose.evidence.settings import (
+    DARKEST_METAL,
+    METAL_LUMINANCE,
+    EvidenceSettings,
+    metallic_levels,
+)
 from yesnt.relight.compiled import exact_entry, exact_kernel
 from yesnt.relight.ranges import over_ranges
 
 F32 = NDArray[np.float32]
 
 _LEAST_SQUARE = 1e-12  # as in reference.py
-_MOST_ERROR = 1e4  # standard deviations; a product of twelve squares of it is still a finite number
+_MOST_ERROR = 1e4  # standard deviations
+_MOST_PRODUCT = 1e200  # beyond it the logarithm is taken before the next factor
+_RED, _GREEN, _BLUE = LUMINANCE_REC709
+_MEDIAN, _DEVIATION = METAL_LUMINANCE
 
 
 def negative_log_likelihood(seen: Observations, of: Responses, settings: EvidenceSettings) -> F32:
@@ -26,11 +35,20 @@ def negative_log_likelihood(seen: Observations, of: Responses, settings: Evidenc
     out = np.zeros((count, len(of.average), len(metallic)), dtype=np.float32)
 
     def run(first: int, last: int) -> None:
-        scratch = np.empty((4, views))
-        _fit_points(first, last, seen, of, metallic, (settings.freedom, settings.steps), scratch, out)
+        scratch = np.empty((4, views)), np.empty(len(metallic))
+        robust = Robust(settings.freedom, settings.steps, settings.temper)
+        _fit_points(first, last, seen, of, metallic, robust, scratch, out)
 
     over_ranges(count, run)
     return out
+
+
+class Robust(NamedTuple):
+    """How the fit is weighed (settings.py)."""
+
+    freedom: float
+    steps: int
+    temper: float
 
 
 class Candidate(NamedTuple):
@@ -50,11 +68,13 @@ class Candidate(NamedTuple):
 
 
 @exact_entry
-def _fit_points(first, last, seen, of, metallic, robust, scratch, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Writes minus the log likelihood of points [first, last) to `out`, which is 0. `scratch` [4, V] float64."""
+def _fit_points(first, last, seen, of, metallic, robust, scratches, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Writes minus the log likelihood of points [first, last) to `out`, which is 0. Scratches: [4, V] and [M] float64."""
+    scratch, luminance = scratches
     views = seen.valid.shape[1]
     for p in range(first, last):
         for r in range(out.shape[1]):
+            luminance[:] = 0.0
             for k in range(3):
                 used = 0
                 for v in range(views):
@@ -64,20 +84,25 @@ def _fit_points(first, last, seen, of, metallic, robust, scratch, out):  # type:
                         used += 1
                 for m in range(metallic.shape[0]):
                     candidate = Candidate(p, r, k, metallic[m])
-                    out[p, r, m] += _fit_channel(candidate, seen.valid, of, robust, used, scratch)
+                    cost, base = _fit_channel(candidate, seen.valid, of, robust, used, scratch)
+                    out[p, r, m] += cost
+                    luminance[m] += (_RED if k == 0 else _GREEN if k == 1 else _BLUE) * base
+            if seen.valid[p].any():
+                for m in range(metallic.shape[0]):
+                    out[p, r, m] += robust.temper * _darkness(metallic[m], luminance[m])
 
 
 @exact_kernel
 def _fit_channel(at, valid, of, robust, used, scratch):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Minus the log likelihood of one channel at its best base colour.
+    """Minus the log likelihood of one channel at its best base colour, and that colour.
 
     `scratch` holds by row: radiance, 1 / sigma, weight, residual. Only valid views are listed.
     """
-    nu, steps = robust
+    nu = robust.freedom
     base = 0.5
     for v in range(used):
         scratch[2, v] = 1.0
-    for _ in range(steps):
+    for _ in range(robust.steps):
         compensation = _multiple_scattering(base, of.average[at.roughness])
         up = down = 0.0
         n = 0
@@ -92,10 +117,22 @@ def _fit_channel(at, valid, of, robust, used, scratch):  # type: ignore[no-untyp
         _residuals(at, base, valid, of, scratch)
         for v in range(used):
             scratch[2, v] = (nu + 1.0) / (nu + scratch[3, v] * scratch[3, v])
-    product = 1.0
+    product, total = 1.0, 0.0
     for v in range(used):
         product *= 1.0 + scratch[3, v] * scratch[3, v] / nu
-    return 0.5 * (nu + 1.0) * math.log(product)
+        if product > _MOST_PRODUCT:
+            total += math.log(product)
+            product = 1.0
+    return 0.5 * (nu + 1.0) * (total + math.log(product)), base
+
+
+@exact_kernel
+def _darkness(metallic, luminance):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """What a dark base colour tells against a metal (reference.darkness)."""
+    if luminance >= _MEDIAN:
+        return 0.0
+    apart = math.log(max(luminance, _LEAST_SQUARE) / _MEDIAN) / _DEVIATION
+    return metallic * min(0.5 * apart * apart, DARKEST_METAL)
 
 
 @exact_kernel

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from yesnt.core.color import luminance
 from yesnt.decompose.evidence.consistency import LEVELS, left_out_views, silhouette_contradiction
 from yesnt.decompose.evidence.fit import negative_log_likelihood
+from yesnt.decompose.evidence.mirrored import occluded_share
 from yesnt.decompose.evidence.observe import (
     Sample,
     SeenView,
@@ -152,7 +153,7 @@ class _Frame:
         samples = self._all_samples(views, points.pixels, few)
         of = responses(points, samples, self._scene, np.array(LEVELS))
         names = [PLATE, *(seen.view.name for seen in views)]
-        reasons, gains = left_out_views(names, self._observations(samples), of, self._settings)
+        reasons, gains = left_out_views(names, self._weighed(points, samples), of, self._settings)
         left_out |= reasons
         self._plate_agrees = PLATE not in reasons
         agreed = [seen for seen in views if seen.view.name not in reasons]
@@ -222,11 +223,19 @@ class _Frame:
     def _cost(self, points: LitPoints, samples: list[Sample]) -> F32:
         """Minus the log likelihood [N, R * M] of points that the cameras saw so."""
         of = responses(points, samples, self._scene, roughness_levels())
-        cost = negative_log_likelihood(self._observations(samples), of, self._settings)
+        cost = negative_log_likelihood(self._weighed(points, samples), of, self._settings)
         return cost.reshape(len(cost), -1)
 
     def _observations(self, samples: list[Sample]) -> Observations:
         return observations(samples, self._settings.floor * self._mean_radiance, self._settings)
+
+    def _weighed(self, points: LitPoints, samples: list[Sample]) -> Observations:
+        """The same, where what comes from the subject itself is known less."""
+        clusters, settings = self._scene.light.clusters, self._settings
+        lights = clusters.direction, clusters.solid_angle
+        at = points.pixels.normal
+        occluded = [occluded_share(at, one.towards, points.hits, lights, settings.sharpness) for one in samples]
+        return observations(samples, settings.floor * self._mean_radiance, settings, np.stack(occluded, axis=1))
 
     def _plate_sample(self, pixels: Pixels, numbers: NDArray[np.intp]) -> Sample:
         """The plate at its own pixels."""

@@ -162,17 +162,22 @@ def _bilinear(image: F32, column: Float, row: Float) -> F32:
     return np.asarray(upper * (1 - fy) + lower * fy, dtype=np.float32)
 
 
-def observations(samples: list[Sample], floor: float, settings: EvidenceSettings) -> Observations:
+def observations(
+    samples: list[Sample], floor: float, settings: EvidenceSettings, occluded: F32 | None = None
+) -> Observations:
     """Stacks the samples of V views, with the standard deviation of each.
 
-    sigma^2 = (relative y)^2 + floor^2 + (edge times the local deviation)^2.
+    sigma^2 = (relative y)^2 + floor^2 + (edge times the local deviation)^2 + (indirect times the occluded share y)^2.
 
     Args:
         samples: of V views.
         floor: absolute part of sigma, radiance.
         settings: of the evidence.
+        occluded: [P, V] of mirrored.occluded_share; None: 0.
     """
     radiance = np.stack([one.radiance for one in samples], axis=1)
     deviation = np.stack([one.deviation for one in samples], axis=1)
-    sigma = np.sqrt((settings.relative * radiance) ** 2 + floor**2 + (settings.edge * deviation) ** 2)
+    share = 0 if occluded is None else (settings.indirect * occluded[..., None]) ** 2
+    variance = (settings.relative**2 + share) * radiance**2 + floor**2 + (settings.edge * deviation) ** 2
+    sigma = np.sqrt(variance)
     return Observations(radiance, sigma.astype(np.float32), np.stack([one.valid for one in samples], axis=1))

@@ -7,7 +7,13 @@ from numpy.typing import NDArray
 from scipy.stats import beta
 
 from yesnt.decompose.confidence import LARGEST_STD
-from yesnt.decompose.evidence.settings import METALLIC_PRIOR, EvidenceSettings, metallic_levels, roughness_levels
+from yesnt.decompose.evidence.settings import (
+    HALF_METALS,
+    METALLIC_PRIOR,
+    EvidenceSettings,
+    metallic_levels,
+    roughness_levels,
+)
 
 F32 = NDArray[np.float32]
 Float = NDArray[np.floating]
@@ -41,8 +47,9 @@ def _cell_shares() -> Float:
 
 
 def metallic_shares() -> Float:
-    """Share of surfaces in the cell of each level of metallic."""
-    return np.asarray(np.diff(beta.cdf(_edges(metallic_levels()), *METALLIC_PRIOR)))
+    """Share of surfaces in the cell of each level of metallic: a Beta distribution and an even one."""
+    edges = _edges(metallic_levels())
+    return np.asarray((1 - HALF_METALS) * np.diff(beta.cdf(edges, *METALLIC_PRIOR)) + HALF_METALS * np.diff(edges))
 
 
 def posterior(cost: Float, prior: Float, settings: EvidenceSettings) -> Float:
@@ -54,11 +61,15 @@ def posterior(cost: Float, prior: Float, settings: EvidenceSettings) -> Float:
 
 
 def moments(probability: Float) -> tuple[F32, F32]:
-    """Mean and standard deviation [N, 2] of roughness and metallic."""
+    """Mean and standard deviation [N, 2] of roughness and metallic.
+
+    A level stands for the values of its cell, so that the variance within the cells is a part of the spread.
+    """
     mean, deviation = [], []
     for levels, share in ((roughness_levels(), probability.sum(2)), (metallic_levels(), probability.sum(1))):
         middle = share @ levels
         mean.append(middle)
-        deviation.append(np.sqrt(np.maximum(share @ levels**2 - middle**2, 0)))
+        within = share @ (np.diff(_edges(levels)) ** 2 / 12)
+        deviation.append(np.sqrt(np.maximum(share @ levels**2 - middle**2, 0) + within))
     std = np.minimum(np.stack(deviation, axis=1), LARGEST_STD)
     return np.clip(np.stack(mean, axis=1), 0, 1).astype(np.float32), std.astype(np.float32)

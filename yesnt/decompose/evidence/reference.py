@@ -5,8 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from yesnt.core.color import luminance
 from yesnt.decompose.evidence.records import Observations, Responses
-from yesnt.decompose.evidence.settings import EvidenceSettings, metallic_levels
+from yesnt.decompose.evidence.settings import (
+    DARKEST_METAL,
+    METAL_LUMINANCE,
+    EvidenceSettings,
+    metallic_levels,
+)
 from yesnt.relight.albedo import multiple_scattering
 
 Float = NDArray[np.floating]
@@ -19,7 +25,8 @@ def negative_log_likelihood(seen: Observations, of: Responses, settings: Evidenc
     """Minus the log likelihood of every candidate, [P, R, M], with the best base colour of each; 0 without a view.
 
     Student's t distribution: the sum over views and channels of (nu + 1) / 2 log(1 + e^2 / nu), e the residual in
-    standard deviations.
+    standard deviations. What a dark base colour tells against a metal is added, times `temper`, since pooled costs are
+    divided by it.
     """
     nu, found = settings.freedom, np.zeros((len(seen.valid), len(of.average), len(metallic_levels())))
     for r in range(len(of.average)):
@@ -27,8 +34,19 @@ def negative_log_likelihood(seen: Observations, of: Responses, settings: Evidenc
             base = best_base_color(seen, of, settings, r, metallic)
             error = residual(seen, of, base, r, metallic)
             cost = 0.5 * (nu + 1) * np.log1p(error**2 / nu)
-            found[:, r, m] = (cost * seen.valid[..., None]).sum((1, 2))
+            prior = settings.temper * darkness(metallic, luminance(base)) * seen.valid.any(axis=1)
+            found[:, r, m] = (cost * seen.valid[..., None]).sum((1, 2)) + prior
     return found
+
+
+def darkness(metallic: float, level: Float) -> Float:
+    """Minus the log probability of a base colour of luminance `level` [P] over that of a usual one, for a metal.
+
+    Metals that are darker than the median follow a log-normal distribution; nothing is said of brighter ones.
+    """
+    median, deviation = METAL_LUMINANCE
+    apart = np.log(np.maximum(level, LEAST_SQUARE) / median) / deviation
+    return np.where(level < median, metallic * np.minimum(0.5 * apart**2, DARKEST_METAL), 0.0)
 
 
 def best_base_color(seen: Observations, of: Responses, settings: EvidenceSettings, r: int, metallic: float) -> Float:

@@ -12,8 +12,19 @@ ROUGHNESS = (0.05, 0.12, 0.2, 0.3, 0.42, 0.56, 0.75, 1.0)
 METALLIC = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Candidates of metallic."""
 
-METALLIC_PRIOR = (0.1, 0.25)
-"""Parameters a, b of a Beta distribution: most surfaces are metal or none; half metals (patina, mixed pixels) exist."""
+METALLIC_PRIOR = (0.0023, 0.0213)
+"""Parameters a, b of a Beta distribution, fitted to the metallic of 400,000 pixels that the generator of training data
+draws (tests/benchmarks/evidence_prior.py): 90 % are none, 9 % are metal."""
+
+HALF_METALS = 0.15
+"""Share of surfaces of any metallic, as likely as another: patina, paint over metal, pixels that mix two materials. The
+generator draws few of them."""
+
+METAL_LUMINANCE = (0.59, 0.57)
+"""Median luminance of the base colour of the generator's metals, and the standard deviation of its logarithm."""
+
+DARKEST_METAL = 4.6
+"""Most that darkness tells against a metal, in log probability: one metal of a hundred is of any luminance."""
 
 
 @dataclass(frozen=True)
@@ -23,6 +34,10 @@ class EvidenceSettings:
     Attributes:
         relative: standard deviation of an observation over its value: what the model of the light leaves unexplained.
         floor: the same, over the mean radiance of the capture light, which black pixels keep.
+        indirect: standard deviation of the light that comes from the subject itself, over its value: what a mirror shows
+            of its neighbours is known from a mean over triangles.
+        sharpness: exponent of the lobe about the mirrored view that tells how much of what a point shows comes from
+            the subject itself.
         edge: share of the deviation within 3 x 3 pixels that counts as uncertainty: a camera's point is off by a part
             of a pixel.
         freedom: degrees of freedom of Student's t distribution, which lets a highlight contradict the others.
@@ -47,10 +62,12 @@ class EvidenceSettings:
         tile: pixels that are measured together; bounds memory.
     """
 
-    relative: float = 0.06
+    relative: float = 0.05
     floor: float = 0.004
+    indirect: float = 0.5
+    sharpness: float = 60.0
     edge: float = 0.25
-    freedom: float = 20.0
+    freedom: float = 4.0
     steps: int = 4
     cosine: float = 0.15
     covered: float = 0.99

@@ -1,6 +1,6 @@
 """What the generator of training data says of metals: the priors of yesnt/decompose/evidence/settings.py.
 
-    python tests/benchmarks/evidence_prior.py
+python tests/benchmarks/evidence_prior.py
 """
 
 import numpy as np

@@ -58,7 +58,7 @@ def _commit(space: Workspace[MeasureTask], found: FrameEvidence) -> None:
     matte = space.matte(space.frame)
     shown = float(found.views[matte].mean()) if matte.any() else 0.0
     without = {f"{WITHOUT} {name}": int(matte.sum()) for name in found.left_out}
-    facts = {"left_out": found.left_out, "gains": found.gains, "views": shown}
+    facts = {"left_out": found.left_out, "gains": found.gains, "views": shown, "light": list(found.light)}
     space.commit(space.frame, channels, facts=facts | ({"clamped": without} if without else {}))
 
 

@@ -201,3 +201,20 @@ def test_fitting_one_pixel_of_four_changes_little() -> None:
     given, truth = scene()
     (every, inside), (some, _) = measured(given, EvidenceSettings(step=1)), measured(given)
     assert sum(error(some, truth, inside)) < 1.15 * sum(error(every, truth, inside))
+
+
+def test_gains_of_cameras_and_a_wrong_map_are_corrected() -> None:
+    """Cameras off by 8 % and a map off by 20 % cost less where both are unknowns of the fit."""
+    from yesnt.decompose.evidence.nuisances import corrected_map
+    from yesnt.relight.frame import prepare_capture
+
+    given, truth = scene()
+    gains = np.exp(0.08 * np.random.default_rng(0).normal(size=(8, 3)))
+    views = [replace(v, radiance=(v.radiance * g).astype(np.float32)) for v, g in zip(given.views, gains, strict=True)]
+    wrong = corrected_map(smooth_light(), np.array([0, 0.3, 0, 0.3, 0, 0, 0.2, 0, 0]))
+    spoilt = replace(given, views=views, light=prepare_capture(wrong, RELIGHT))
+    corrected, inside = measured(spoilt)
+    as_given, _ = measured(spoilt, EvidenceSettings(gain_error=0, light_error=0))
+    assert sum(error(corrected, truth, inside)) < 0.9 * sum(error(as_given, truth, inside))
+    assert corrected.light[0] < -0.05, "the map was too bright along +Y"
+    assert as_given.light == ()

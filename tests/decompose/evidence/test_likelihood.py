@@ -131,7 +131,7 @@ def test_darkness_tells_against_a_metal_alone_and_no_more_than_a_bound() -> None
 def test_a_black_dielectric_is_not_taken_for_a_metal_of_base_colour_0_04() -> None:
     """Both look the same; the darkness of the metal decides."""
     seen, of = random_case(views=6)
-    slope, offset = reference.linear_form(of, np.zeros((len(seen.valid), 3)), 4, 0.0)
+    _, offset = reference.linear_form(of, np.zeros((len(seen.valid), 3)), 4, 0.0)
     same = of._replace(metal_f0=25 * of.dielectric, metal_f90=0 * of.dielectric, missing=0 * of.missing)
     black = seen._replace(radiance=offset.astype(np.float32), valid=np.ones_like(seen.valid))
     cost = fit.negative_log_likelihood(black, same, SETTINGS)[:, 4]

@@ -69,7 +69,7 @@ class Candidate(NamedTuple):
 
 @exact_entry
 def _fit_points(first, last, seen, of, metallic, robust, scratches, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Writes minus the log likelihood of points [first, last) to `out`, which is 0. Scratches: [4, V] and [M] float64."""
+    """Writes minus the log likelihood of points [first, last) to `out`, which is 0. Scratches: [4, V], [M] float64."""
     scratch, luminance = scratches
     views = seen.valid.shape[1]
     for p in range(first, last):

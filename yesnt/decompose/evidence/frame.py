@@ -21,12 +21,15 @@ from yesnt.decompose.evidence.observe import (
     sample_view,
     silhouette_overlap,
 )
+from yesnt.decompose.evidence.nuisances import Nuisances, corrected_map, fit_nuisances
 from yesnt.decompose.evidence.pool import Neighbourhood, pooled
-from yesnt.decompose.evidence.posterior import log_prior, moments, posterior
+from yesnt.decompose.evidence.posterior import log_prior, metallic_shares, moments, posterior
 from yesnt.decompose.evidence.records import FrameEvidence, Observations, View
 from yesnt.decompose.evidence.responses import CaptureScene, LitPoints, lit_points, probe_points, responses
 from yesnt.decompose.evidence.settings import EvidenceSettings, metallic_levels, roughness_levels
 from yesnt.decompose.evidence.triangles import proxy_size, shown_radiance
+from yesnt.relight.frame import prepare_capture
+from yesnt.relight.harmonics import TERMS
 from yesnt.relight.lights import PreparedLight
 from yesnt.relight.occlusion import find_occluders
 from yesnt.relight.points import Pixels, Surface, gather_pixels
@@ -82,8 +85,9 @@ def measure_frame(inputs: EvidenceInputs, relight: RelightSettings, settings: Ev
     scene = _scene(inputs, pixels, views, relight, settings)
     frame = _Frame(inputs, pixels, scene, settings)
     views, gains = frame.compare(views, left_out)
+    light = frame.correct(views)
     mean, std, count = frame.measure(views)
-    return FrameEvidence(mean, std, count, left_out, gains)
+    return FrameEvidence(mean, std, count, left_out, gains, light)
 
 
 def _matching_views(inputs: EvidenceInputs, settings: EvidenceSettings) -> tuple[list[SeenView], dict[str, str]]:
@@ -142,15 +146,37 @@ class _Frame:
         plate = np.asarray(inputs.plate, np.float32)
         self._plate, self._deviation = (a.reshape(-1, 3)[pixels.index] for a in (plate, local_deviation(plate)))
         self._plate_agrees = True
+        self._gain: NDArray[np.floating] | None = None
+
+    def _probes(self, views: list[SeenView]) -> tuple[LitPoints, list[Sample]]:
+        """A few points, and what the cameras saw of them."""
+        count = len(self._pixels.index)
+        few = np.unique(np.linspace(0, max(count - 1, 0), min(count, _PROBES)).astype(np.intp))
+        points = probe_points(self._pixels, few, self._scene)
+        return points, self._all_samples(views, points.pixels, few)
+
+    def correct(self, views: list[SeenView]) -> tuple[float, ...]:
+        """Fits gains and light; returns the harmonics of the light's factor minus 1."""
+        settings, env = self._settings, self._scene.light.env
+        if not len(self._pixels.index) or not views or not (settings.gain_error or settings.light_error):
+            return ()
+        found = Nuisances(np.ones((len(views) + 1, 3)), np.zeros(TERMS))
+        for _ in range(settings.passes):
+            points, samples = self._probes(views)
+            of = responses(points, samples, self._scene, np.array(LEVELS))
+            seen = self._weighed(points, samples)
+            cost = negative_log_likelihood(seen, of, settings) - np.log(metallic_shares())
+            ways = points.pixels.normal, np.stack([one.towards for one in samples], axis=1)
+            found = found.then(fit_nuisances(seen, of, ways, (cost, np.array(LEVELS)), settings))
+            light = prepare_capture(corrected_map(env, found.light), self._scene.settings)
+            self._gain, self._scene = found.gain, replace(self._scene, light=light)
+        return tuple(float(v) for v in found.light[1:])
 
     def compare(self, views: list[SeenView], left_out: dict[str, str]) -> tuple[list[SeenView], dict[str, float]]:
         """Views that agree with the others, and the gain of each camera; adds the others to `left_out`."""
-        count = len(self._pixels.index)
-        few = np.unique(np.linspace(0, max(count - 1, 0), min(count, _PROBES)).astype(np.intp))
-        if not count or not views:
+        if not len(self._pixels.index) or not views:
             return views, {}
-        points = probe_points(self._pixels, few, self._scene)
-        samples = self._all_samples(views, points.pixels, few)
+        points, samples = self._probes(views)
         of = responses(points, samples, self._scene, np.array(LEVELS))
         names = [PLATE, *(seen.view.name for seen in views)]
         reasons, gains = left_out_views(names, self._weighed(points, samples), of, self._settings)
@@ -248,7 +274,8 @@ class _Frame:
         """What the plate and every camera saw of the pixels of these numbers."""
         at = pixels.position, pixels.normal
         others = [sample_view(seen, *at, self._size, self._settings) for seen in views]
-        return [self._plate_sample(pixels, numbers), *others]
+        samples = [self._plate_sample(pixels, numbers), *others]
+        return samples if self._gain is None else [s.divided(g) for s, g in zip(samples, self._gain, strict=True)]
 
     def _neighbourhood(self, held: list[_Tile]) -> Neighbourhood:
         """The points of consecutive bands."""

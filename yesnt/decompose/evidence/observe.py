@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import cv2
 import numpy as np
@@ -61,6 +61,11 @@ class Sample:
     valid: Bool
     towards: F32
     footprint: F32
+
+    def divided(self, gain: Float) -> Sample:
+        """The same with the radiance of each channel divided by its gain [3]."""
+        factor = (1 / gain).astype(np.float32)
+        return replace(self, radiance=self.radiance * factor, deviation=self.deviation * factor)
 
     def taken(self, which: NDArray[np.intp]) -> Sample:
         """Some of the points."""

@@ -80,6 +80,7 @@ class FrameEvidence:
         views: [H, W] how many cameras measured a pixel; 0 where the model's estimate stands.
         left_out: camera -> why it was not used.
         gains: camera -> its radiance over that of the others.
+        light: harmonics of bands 1 and 2 of the factor of the capture light minus 1; empty if none was fitted.
     """
 
     mean: F32
@@ -87,3 +88,4 @@ class FrameEvidence:
     views: F32
     left_out: dict[str, str]
     gains: dict[str, float]
+    light: tuple[float, ...] = ()

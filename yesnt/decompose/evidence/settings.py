@@ -34,8 +34,8 @@ class EvidenceSettings:
     Attributes:
         relative: standard deviation of an observation over its value: what the model of the light leaves unexplained.
         floor: the same, over the mean radiance of the capture light, which black pixels keep.
-        indirect: standard deviation of the light that comes from the subject itself, over its value: what a mirror shows
-            of its neighbours is known from a mean over triangles.
+        indirect: standard deviation of the light that comes from the subject itself, over its value: what a mirror
+            shows of its neighbours is known from a mean over triangles.
         sharpness: exponent of the lobe about the mirrored view that tells how much of what a point shows comes from
             the subject itself.
         edge: share of the deviation within 3 x 3 pixels that counts as uncertainty: a camera's point is off by a part
@@ -59,6 +59,10 @@ class EvidenceSettings:
         temper: the mean of the pooled log likelihoods is divided by this: neighbours are not independent.
         roughness_error: error of the model's roughness beyond the spread of its members.
         metallic_error: the same of metallic.
+        gain_error: standard deviation of a camera's gain in a channel, of its logarithm; 0 takes gains as they are.
+        light_error: standard deviation of the smooth factor of the capture light; 0 takes the map as it is.
+        independent: points that tell about gains and light as if they were independent; the others repeat them.
+        passes: times that gains and light are fitted.
         tile: pixels that are measured together; bounds memory.
     """
 
@@ -84,6 +88,10 @@ class EvidenceSettings:
     temper: float = 0.25
     roughness_error: float = 0.23
     metallic_error: float = 0.6
+    gain_error: float = 0.05
+    light_error: float = 0.1
+    independent: int = 100
+    passes: int = 2
     tile: int = 4096
 
 

@@ -1,6 +1,6 @@
 """Materials of six objects that Cycles rendered, by the number of cameras. Needs Blender (`make blender`).
 
-    python tests/benchmarks/evidence_objects.py [FOLDER [SEEDS]]
+    python tests/benchmarks/evidence_objects.py [FOLDER [SEED]]
 
 A box, balls, a ring and a pill occlude and mirror one another; one ball is a half metal. Seed 0 has the materials of
 `OBJECTS`; others draw them. Pictures, kept in FOLDER, are 96 x 96 with 64 samples. The guess is roughness 0.5 and
@@ -9,6 +9,7 @@ metallic 0.3 everywhere.
 
 import json
 import sys
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -16,7 +17,8 @@ import numpy as np
 import trimesh
 from trimesh.transformations import rotation_matrix
 
-from tests.benchmarks.evidence_sphere import SETTINGS, spoilt
+from tests.benchmarks.evidence_errors import LADDER, with_errors
+from tests.benchmarks.evidence_sphere import SETTINGS
 from tests.decompose.evidence.scenes import FRAME, around, look_from, smooth_light
 from yesnt.capture_stage.tools import find_tools, run_script
 from yesnt.decompose.evidence.frame import EvidenceInputs, measure_frame
@@ -41,8 +43,14 @@ OBJECTS = (
 PLACES = (
     (-0.45, 0, -0.45), (0.05, -0.35, -0.1), (0.5, 0, 0.3), (-0.35, 0.1, 0.05), (0.55, -0.2, -0.4), (0.05, -0.2, 0.45),
 )  # fmt: skip
-GIVEN = ((1, "exact", 0), (4, "exact", 0), (8, "exact", 0), (8, "coarse", 0), (8, "coarse", 1))
-"""Number of cameras, proxy, whether errors are added."""
+GIVEN = ((1, "exact", "none"), (4, "exact", "none"), (8, "exact", "none"), *((8, "coarse", rung) for rung in LADDER))
+"""Number of cameras, proxy, errors."""
+
+AS_GIVEN = replace(SETTINGS, gain_error=0.0, light_error=0.0)
+"""Settings that take gains and map as they are."""
+
+TWICE = ("none", "map 10 %", "gain 5 %", "all")
+"""Rungs that are measured without the corrections too."""
 
 
 def materials(seed):
@@ -150,30 +158,47 @@ def inputs_of(folder, name, count, proxy):
     return EvidenceInputs(color, surface, np.stack([0.1 * full, 0.1 * full]), views, proxy, light), shown
 
 
-def main(folder):
-    render(folder)
+def main(folder, seed):
+    render(folder, seed)
     coarse = trimesh.util.concatenate(meshes(0))
     proxies = {"exact": geometry()[0], "coarse": ProxyScene.from_arrays(coarse.vertices, coarse.faces)}
-    print("| light | cameras | given | roughness RMSE | metallic RMSE | AUC | within 1 std |")
-    print("|---|---|---|---|---|---|---|")
+    print("| light | cameras | proxy | errors | roughness RMSE | metallic RMSE | AUC | within 1 std | sparsification |")
+    print("|---|---|---|---|---|---|---|---|---|")
     for name, strength in LIGHTS.items():
-        for count, proxy, bad in GIVEN:
+        for count, proxy, rung in GIVEN:
             given, shown = inputs_of(folder, name, count, proxies[proxy])
-            given = spoilt(given, smooth_light(strength, 32)) if bad else given
-            row(f"{name} | {count} | {proxy} proxy{', all errors' if bad else ''}", given, shown)
+            given = with_errors(given, smooth_light(strength, 32), seed, **LADDER[rung])
+            label = f"{name} | {count} | {proxy} | {rung}"
+            row(label, given, shown, seed)
+            if count == 8 and proxy == "coarse" and rung in TWICE:
+                row(f"{label}, no corrections", given, shown, seed, AS_GIVEN)
 
 
-def row(label, given, shown):
-    found = measure_frame(given, RelightSettings(), SETTINGS)
+def sparsification(wrong, std):
+    """Area between the curve of the error and its best, over that of a random order: 0 is perfect, 1 tells nothing."""
+
+    def curve(order):
+        kept = np.arange(1, len(wrong) + 1)
+        return np.sqrt(np.cumsum(np.square(wrong[order])) / kept).mean()
+
+    best, flat = curve(np.argsort(np.abs(wrong))), np.sqrt(np.square(wrong).mean())
+    return (curve(np.argsort(std, kind="stable")) - best) / (flat - best)
+
+
+def row(label, given, shown, seed, settings=SETTINGS):
+    found = measure_frame(given, RelightSettings(), settings)
     inside = (shown >= 0) & (given.surface.opacity > 0.99)
-    truth = np.array([entry[1:3] for entry in OBJECTS])[shown[inside]].T
-    wrong = found.mean[:, inside] - truth
+    truth = np.array([entry[:2] for entry in materials(seed)])[shown[inside]].T
+    wrong, std = found.mean[:, inside] - truth, found.std[:, inside]
     rmse = np.sqrt(np.square(wrong).mean(axis=1))
-    within = (np.abs(wrong) <= np.maximum(found.std[:, inside], 1e-3)).mean(axis=1)
+    within = (np.abs(wrong) <= np.maximum(std, 1e-3)).mean(axis=1)
     metal, other = (found.mean[1][inside][mask] for mask in (truth[1] > 0.6, truth[1] < 0.4))
     auc = (metal[:, None] > other[None]).mean() + 0.5 * (metal[:, None] == other[None]).mean()
-    print(f"| {label} | {rmse[0]:.3f} | {rmse[1]:.3f} | {auc:.3f} | {within[0]:.2f} / {within[1]:.2f} |")
+    order = " / ".join(f"{sparsification(*pair):.2f}" for pair in zip(wrong, std, strict=True))
+    print(f"| {label} | {rmse[0]:.3f} | {rmse[1]:.3f} | {auc:.3f} | {within[0]:.2f} / {within[1]:.2f} | {order} |",
+          flush=True)  # fmt: skip
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(".cache/evidence_objects"))
+    arguments = [*sys.argv[1:], *(".cache/evidence_objects", "0")[len(sys.argv) - 1 :]]
+    main(Path(arguments[0]), int(arguments[1]))

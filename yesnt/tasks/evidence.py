@@ -28,6 +28,12 @@ F32 = NDArray[np.float32]
 WITHOUT = "evidence: pixels measured without a camera that contradicts the others (`left_out` of the record says how):"
 """What a run's summary says of a camera that was left out; its name follows."""
 
+MOVED = "evidence: pixels whose z contradicts the proxy; the proxy was taken (check scale and units of both):"
+"""What a run's summary says of them."""
+
+MOST_MOVED = 0.05
+"""Share of the subject's pixels beyond which that is said: a coarse proxy differs at some edges."""
+
 
 def measure_materials(space: Workspace[MeasureTask]) -> None:
     """Commits the materials of a frame as its cameras measure them, and the number of cameras of each pixel."""
@@ -58,7 +64,12 @@ def _commit(space: Workspace[MeasureTask], found: FrameEvidence) -> None:
     matte = space.matte(space.frame)
     shown = float(found.views[matte].mean()) if matte.any() else 0.0
     without = {f"{WITHOUT} {name}": int(matte.sum()) for name in found.left_out}
-    facts = {"left_out": found.left_out, "gains": found.gains, "views": shown, "light": list(found.light)}
+    facts = {
+        "left_out": found.left_out, "gains": found.gains, "views": shown, "light": list(found.light),
+        "moved": found.moved,
+    }  # fmt: skip
+    if found.moved > MOST_MOVED * matte.sum():
+        without[MOVED] = found.moved
     space.commit(space.frame, channels, facts=facts | ({"clamped": without} if without else {}))
 
 

@@ -164,7 +164,7 @@ def test_a_camera_of_twice_the_gain_is_named_and_left_out() -> None:
     assert list(found.left_out) == ["c03"]
     assert re.fullmatch(r"its picture is (1\.9|2\.0). times as bright as the others' .*", found.left_out["c03"])
     assert found.gains["c03"] == pytest.approx(2, rel=0.1)
-    assert sum(error(found, truth, inside)) < 1.15 * sum(error(clean, truth, inside))
+    assert sum(error(found, truth, inside)) < 1.2 * sum(error(clean, truth, inside))
 
 
 def test_a_black_picture_is_named_and_left_out_beside_another_that_is_wrong() -> None:
@@ -218,3 +218,18 @@ def test_gains_of_cameras_and_a_wrong_map_are_corrected() -> None:
     assert sum(error(corrected, truth, inside)) < 0.9 * sum(error(as_given, truth, inside))
     assert corrected.light[0] < -0.05, "the map was too bright along +Y"
     assert as_given.light == ()
+
+
+def test_z_that_contradicts_the_proxy_is_taken_from_it() -> None:
+    """2 % of 4 m are a twenty-fifth of the subject: cameras to the side would see other points."""
+    given, truth = scene()
+    surface = given.surface
+    far = replace(surface, z=np.where(surface.opacity > 0, 1.02 * surface.z, surface.z).astype(np.float32))
+    found, inside = measured(replace(given, surface=far))
+    clean, _ = measured(given)
+    assert found.moved > 0.9 * inside.sum()
+    assert clean.moved < 0.05 * inside.sum()
+    assert found.views[inside].mean() > 0.8 * clean.views[inside].mean()
+    assert sum(error(found, truth, inside)) < 1.2 * sum(error(clean, truth, inside))
+    lost = replace(surface, z=np.where(surface.opacity > 0, surface.z + 1, surface.z).astype(np.float32))
+    assert not measured(replace(given, surface=lost))[0].moved, "another part of the subject is no better"

@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from yesnt.core.color import luminance
 from yesnt.decompose.evidence.consistency import LEVELS, left_out_views, silhouette_contradiction
+from yesnt.decompose.evidence.depth import on_proxy
 from yesnt.decompose.evidence.fit import negative_log_likelihood
 from yesnt.decompose.evidence.mirrored import occluded_share
+from yesnt.decompose.evidence.nuisances import Nuisances, corrected_map, fit_nuisances
 from yesnt.decompose.evidence.observe import (
     Sample,
     SeenView,
@@ -21,7 +23,6 @@ from yesnt.decompose.evidence.observe import (
     sample_view,
     silhouette_overlap,
 )
-from yesnt.decompose.evidence.nuisances import Nuisances, corrected_map, fit_nuisances
 from yesnt.decompose.evidence.pool import Neighbourhood, pooled
 from yesnt.decompose.evidence.posterior import log_prior, metallic_shares, moments, posterior
 from yesnt.decompose.evidence.records import FrameEvidence, Observations, View
@@ -80,14 +81,16 @@ def measure_frame(inputs: EvidenceInputs, relight: RelightSettings, settings: Ev
         relight: settings of relighting, whose responses are used.
         settings: of the evidence.
     """
-    pixels = gather_pixels(inputs.surface)
+    surface, moved = on_proxy(inputs.surface, inputs.proxy, proxy_size(inputs.proxy), settings)
+    inputs = replace(inputs, surface=surface)
+    pixels = gather_pixels(surface)
     views, left_out = _matching_views(inputs, settings)
     scene = _scene(inputs, pixels, views, relight, settings)
     frame = _Frame(inputs, pixels, scene, settings)
     views, gains = frame.compare(views, left_out)
     light = frame.correct(views)
     mean, std, count = frame.measure(views)
-    return FrameEvidence(mean, std, count, left_out, gains, light)
+    return FrameEvidence(mean, std, count, left_out, gains, light, int(moved.sum()))
 
 
 def _matching_views(inputs: EvidenceInputs, settings: EvidenceSettings) -> tuple[list[SeenView], dict[str, str]]:
@@ -200,7 +203,7 @@ class _Frame:
             at = index[tile.part][enough]
             prior = log_prior(flat_mean[:, at].T, flat_std[:, at].T, self._settings)
             shaped = cost[enough].reshape(len(at), len(roughness_levels()), len(metallic_levels()))
-            found, deviation = moments(posterior(shaped, prior, self._settings))
+            found, deviation = moments(posterior(shaped, prior, self._settings), self._settings)
             flat_mean[:, at], flat_std[:, at], flat_count[at] = found.T, deviation.T, views_of[enough]
         return mean, std, count
 

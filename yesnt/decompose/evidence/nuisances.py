@@ -77,7 +77,10 @@ def fit_nuisances(
         these = left & (best == candidate)
         r, m = divmod(int(candidate), len(METALLIC))
         part = Observations(*(a[these] for a in seen))
-        lobes = Responses(*(a[these] for a in of[:5]), of.average)
+        lobes = Responses(
+            of.diffuse[these], of.dielectric[these], of.metal_f0[these], of.metal_f90[these], of.missing[these],
+            of.average,
+        )  # fmt: skip
         columns = _lobe_harmonics(ways[0][these], ways[1][these], float(levels[r]))
         normals.add(part, lobes, columns, (r, METALLIC[m]), weight)
     return normals.solved()

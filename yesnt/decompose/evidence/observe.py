@@ -8,18 +8,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from yesnt.decompose.evidence.depth import SLOPE, planar_depth, slope
 from yesnt.decompose.evidence.records import Observations, View
 from yesnt.decompose.evidence.settings import EvidenceSettings
-from yesnt.relight.proxy import OPEN, ProxyScene
+from yesnt.relight.proxy import ProxyScene
 
 F32 = NDArray[np.float32]
 Float = NDArray[np.floating]
 Bool = NDArray[np.bool_]
-
-_SLOPE = 1.5
-"""Pixels by which an observation may be off: on a slanted surface the depth differs by that."""
-
-_LEAST_COSINE = 0.15  # in the slope's denominator: a grazing surface has no bound
 
 _SILHOUETTE_STEP = 8
 """Pixels between the rays that compare the proxy's silhouette with a matte."""
@@ -91,16 +87,8 @@ def _proxy_depth(view: View, proxy: ProxyScene, wanted: Bool) -> F32:
     rays = view.camera.rays(view.pose)[wanted]
     depth = np.zeros(wanted.shape, dtype=np.float32)
     if len(rays):
-        depth[wanted] = _planar_depth(view, proxy, rays)
+        depth[wanted] = planar_depth(proxy, view.camera.position(view.pose), rays)
     return depth
-
-
-def _planar_depth(view: View, proxy: ProxyScene, rays: F32) -> F32:
-    """Planar depth [N] of the proxy along rays [N, 3] of camera z = 1; 0 where it is missed."""
-    length = np.linalg.norm(rays, axis=1)
-    origin = np.broadcast_to(view.camera.position(view.pose).astype(np.float32), rays.shape)
-    hit = proxy.trace(origin, (rays / length[:, None]).astype(np.float32))
-    return np.where(hit["primID"] == OPEN, 0, hit["tfar"] / length).astype(np.float32)
 
 
 def silhouette_overlap(view: View, proxy: ProxyScene) -> tuple[float, float]:
@@ -110,7 +98,8 @@ def silhouette_overlap(view: View, proxy: ProxyScene) -> tuple[float, float]:
     """
     step = slice(_SILHOUETTE_STEP // 2, None, _SILHOUETTE_STEP)
     rays = view.camera.rays(view.pose)[step, step]
-    shown = (_planar_depth(view, proxy, rays.reshape(-1, 3)) > 0).reshape(rays.shape[:2])
+    eye = view.camera.position(view.pose)
+    shown = (planar_depth(proxy, eye, rays.reshape(-1, 3)) > 0).reshape(rays.shape[:2])
     covered = np.nan_to_num(view.matte[step, step]) > 0.5
     joint = float((shown | covered).sum())
     return (float((shown & covered).sum()) / joint if joint else 0.0), float(shown.mean())
@@ -139,8 +128,7 @@ def sample_view(seen: SeenView, points: Float, normals: Float, size: float, sett
     inside = _inside(x, y, z, seen.depth.shape)
     column, row = (np.where(inside, a - 0.5, 0.0) for a in (x, y))
     corner = np.floor(column).astype(np.int64), np.floor(row).astype(np.int64)
-    slope = np.sqrt(np.maximum(1 - cosine**2, 0)) / np.maximum(cosine, _LEAST_COSINE)
-    apart = settings.depth * size + _SLOPE * slope * footprint
+    apart = settings.depth * size + SLOPE * slope(cosine) * footprint
     valid = inside & (cosine > settings.cosine)
     for down, across in ((0, 0), (0, 1), (1, 0), (1, 1)):
         at = corner[1] + down, corner[0] + across

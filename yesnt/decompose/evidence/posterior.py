@@ -60,10 +60,11 @@ def posterior(cost: Float, prior: Float, settings: EvidenceSettings) -> Float:
     return np.asarray(probability / probability.sum(axis=(1, 2), keepdims=True))
 
 
-def moments(probability: Float) -> tuple[F32, F32]:
+def moments(probability: Float, settings: EvidenceSettings) -> tuple[F32, F32]:
     """Mean and standard deviation [N, 2] of roughness and metallic.
 
-    A level stands for the values of its cell, so that the variance within the cells is a part of the spread.
+    A level stands for the values of its cell, so that the variance within the cells is a part of the spread; what is
+    wrong for all candidates together is added (`unknown`, `stretch`).
     """
     mean, deviation = [], []
     for levels, share in ((roughness_levels(), probability.sum(2)), (metallic_levels(), probability.sum(1))):
@@ -71,5 +72,6 @@ def moments(probability: Float) -> tuple[F32, F32]:
         mean.append(middle)
         within = share @ (np.diff(_edges(levels)) ** 2 / 12)
         deviation.append(np.sqrt(np.maximum(share @ levels**2 - middle**2, 0) + within))
-    std = np.minimum(np.stack(deviation, axis=1), LARGEST_STD)
+    spread = settings.stretch * np.hypot(np.stack(deviation, axis=1), [settings.unknown, 0])
+    std = np.minimum(spread, LARGEST_STD)
     return np.clip(np.stack(mean, axis=1), 0, 1).astype(np.float32), std.astype(np.float32)

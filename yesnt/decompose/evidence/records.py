@@ -81,6 +81,7 @@ class FrameEvidence:
         left_out: camera -> why it was not used.
         gains: camera -> its radiance over that of the others.
         light: harmonics of bands 1 and 2 of the factor of the capture light minus 1; empty if none was fitted.
+        moved: pixels whose point was taken from the proxy, since z contradicts it.
     """
 
     mean: F32
@@ -89,3 +90,4 @@ class FrameEvidence:
     left_out: dict[str, str]
     gains: dict[str, float]
     light: tuple[float, ...] = ()
+    moved: int = 0

@@ -57,6 +57,10 @@ class EvidenceSettings:
         turn: difference of unit normals at which a neighbour counts as another surface.
         apart: distance to the plane of the pixel at which a neighbour counts as another surface, in widths of a pixel.
         temper: the mean of the pooled log likelihoods is divided by this: neighbours are not independent.
+        unknown: standard deviation of roughness that wrong normals, visibility and light leave however well the cameras
+            agree; added to the posterior's.
+        stretch: factor of both standard deviations. Both were chosen so that 68 % of errors lie within one standard
+            deviation over all rungs of tests/benchmarks/evidence_objects.py.
         roughness_error: error of the model's roughness beyond the spread of its members.
         metallic_error: the same of metallic.
         gain_error: standard deviation of a camera's gain in a channel, of its logarithm; 0 takes gains as they are.
@@ -85,7 +89,9 @@ class EvidenceSettings:
     intensity: float = 0.67
     turn: float = 0.5
     apart: float = 4.0
-    temper: float = 0.25
+    temper: float = 0.15
+    unknown: float = 0.12
+    stretch: float = 1.2
     roughness_error: float = 0.23
     metallic_error: float = 0.6
     gain_error: float = 0.05

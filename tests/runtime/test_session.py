@@ -258,3 +258,14 @@ def test_a_cluster_that_is_too_busy_to_close_takes_nothing_back(monkeypatch: pyt
     monkeypatch.setattr(LocalCluster, "close", late)
     with open_cluster(ClusterSpec("local", 1)) as client:
         assert client.submit(sum, (1, 2)).result(timeout=30) == 3
+
+
+def test_a_run_on_workers_makes_views_of_fields_and_goes_on(tmp_path: Path, cluster: ClusterSpec) -> None:
+    from tests.runtime.test_gaussian_job import write_field_shot
+
+    path = write_field_shot(tmp_path / "shot", 1)
+    result = run(path, cluster)
+    assert {stage.name for stage, _ in result.outcome.done} >= {"mesh", "view", "relight", "composite"}
+    assert not result.missing
+    assert len(exr_digests(path)) == 1
+    assert not run(path, cluster).outcome.done

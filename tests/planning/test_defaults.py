@@ -31,7 +31,9 @@ from yesnt.core.shot import (
 from yesnt.core.shot import TemporalInput as Temporal
 from yesnt.decompose.evidence.settings import EvidenceSettings
 from yesnt.decompose.settings import EnsembleSettings
+from yesnt.gaussians.losses import LossWeights
 from yesnt.gaussians.mesh_settings import MeshSettings
+from yesnt.gaussians.settings import FitSettings
 from yesnt.planning.stages import STAGES
 from yesnt.relight.settings import RelightSettings
 from yesnt.temporal import EnergyParams
@@ -40,6 +42,7 @@ from yesnt.temporal.flow import FlowSettings
 FILE = Path(__file__).with_name("defaults.json")
 
 SETTINGS: dict[str, tuple[type, ...]] = {
+    "fit": (FitSettings, LossWeights),
     "mesh": (MeshSettings,),
     "decompose": (PlateInput, DecomposeInput, EnsembleSettings),
     "flow": (PlateInput, FlowInput, FlowSettings),

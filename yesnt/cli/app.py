@@ -244,7 +244,7 @@ def stage(
 
 @app.command()
 def gof(
-    action: Annotated[GofAction, typer.Argument(metavar="render|mesh", help="pictures, or proxy meshes")],
+    action: Annotated[GofAction, typer.Argument(metavar="fit|render|mesh", help="fields, pictures or proxy meshes")],
     shot: ShotArgument,
     path: Annotated[
         str | None, typer.Option(metavar="orbit|A,B,...", help="another camera: around, or by cameras of the capture")
@@ -257,7 +257,7 @@ def gof(
     insecure: InsecureOption = False,
     json: JsonOption = False,
 ) -> int:
-    """Render Gaussian fields as plates and G-buffers, or extract their proxy meshes."""
+    """Fit Gaussian fields to a capture, render them as plates and G-buffers, or extract their proxy meshes."""
     from yesnt.cli.gof import path_of, render_path
     from yesnt.runtime.launchers.spec import read_cluster
     from yesnt.runtime.run_options import RunOptions

@@ -19,13 +19,14 @@ ORBIT = "orbit"
 class GofAction(StrEnum):
     """What `yesnt gof` does."""
 
+    fit = "fit"
     render = "render"
     mesh = "mesh"
 
     @property
     def stage(self) -> str:
         """The stage that does it."""
-        return {"render": "view", "mesh": "mesh"}[self.value]
+        return {"fit": "fit", "render": "view", "mesh": "mesh"}[self.value]
 
 
 @dataclass(frozen=True)

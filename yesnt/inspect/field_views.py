@@ -7,6 +7,7 @@ from pathlib import Path
 
 from yesnt.core.camera import Camera
 from yesnt.core.errors import JobError, UsageError
+from yesnt.core.gaussian_input import FIELD
 from yesnt.core.job_progress import Progress, no_progress
 from yesnt.gaussians.field import GaussianField
 from yesnt.io.camera_files.files import write_camera
@@ -15,6 +16,7 @@ from yesnt.io.exr import write_exr
 from yesnt.io.gaussian_ply import read_field
 from yesnt.io.jobfile import frame_path
 from yesnt.io.pictures.shot_raster import shot_camera
+from yesnt.planning.stages import FIT
 from yesnt.runtime.session import Session
 from yesnt.tasks.gaussians import view_planes
 
@@ -49,7 +51,7 @@ def render_views(
             "`gaussians: {path: field.####.ply}`",
             "add it",
         )
-    field = read_field(frame_path(job.root, job.shot.gaussians.path, frame))
+    field = _field(session, frame)
     camera = _path(session, field, frame, stops, views)
     out.mkdir(parents=True, exist_ok=True)
     files = [out / f"view.{number:04d}.exr" for number in camera.poses]
@@ -58,6 +60,25 @@ def render_views(
         progress("Rendering views", done, views)
     write_camera(out / "camera.json", camera, "yesnt gof render")
     return files
+
+
+def _field(session: Session, frame: int) -> GaussianField:
+    """The field of a frame, given or fitted.
+
+    Raises:
+        JobError: it is not there.
+    """
+    gaussians, output = session.job.shot.gaussians, session.output.root
+    assert gaussians is not None
+    if gaussians.path is not None:
+        return read_field(frame_path(session.job.root, gaussians.path, frame))
+    path = frame_path(output, FIELD, frame)
+    if session.book.find(FIT, frame) is None or not path.is_file():
+        raise JobError(
+            f"The Gaussian field of frame {frame} is not fitted yet", str(path), "a field",
+            "`yesnt gof fit SHOT` fits it",
+        )  # fmt: skip
+    return read_field(path)
 
 
 def _path(session: Session, field: GaussianField, frame: int, stops: Sequence[str], views: int) -> Camera:

@@ -83,9 +83,9 @@ def _patterns(shot: Shot, root: str) -> Mapping[str, str]:
     found = {role: section.path for role, section in sections.items() if section is not None and section.path}
     if shot.plate.path in shot.made:  # rendered in linear Rec.709 by the run itself, perhaps not yet
         del found["plate"]
-    if shot.captured is not None:
-        first = next(iter(cameras_of(root, shot.captured)))
-        found["capture"] = shot.captured.path.replace(CAMERA, first)
+    if (capture := shot.capture if shot.gaussians else shot.captured) is not None:
+        first = next(iter(cameras_of(root, capture)))
+        found["capture"] = capture.path.replace(CAMERA, first)
     return found
 
 

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from yesnt.decompose.registry import KnobSpec
     from yesnt.decompose.settings import EnsembleSettings
     from yesnt.gaussians.mesh_settings import MeshSettings
+    from yesnt.gaussians.settings import FitSettings
     from yesnt.relight.settings import RelightSettings
     from yesnt.temporal.flow import FlowSettings
     from yesnt.temporal.params import EnergyParams
@@ -79,12 +80,37 @@ def relight_settings(shot: Shot) -> RelightSettings:
     return _build("relight", build, shot.relight, _fields(RelightSettings))
 
 
+def fit_settings(shot: Shot) -> FitSettings:
+    """How Gaussian fields are fitted; `seed` is the job's."""
+    from yesnt.gaussians.losses import LossWeights
+    from yesnt.gaussians.settings import FitSettings
+
+    def build(**knobs: Any) -> FitSettings:
+        weights = {name: knobs.pop(name) for name in _fields(LossWeights) if name in knobs}
+        return FitSettings(**knobs, weights=LossWeights(**weights), seed=shot.seed)
+
+    known = [name for name in _fields(FitSettings) if name not in ("weights", "seed")]
+    return _gaussian_settings(shot, build, (*known, *_fields(LossWeights)))
+
+
 def mesh_settings(shot: Shot) -> MeshSettings:
     """How proxy meshes are extracted from Gaussian fields."""
     from yesnt.gaussians.mesh_settings import MeshSettings
 
+    return _gaussian_settings(shot, MeshSettings, _fields(MeshSettings))
+
+
+def _gaussian_settings(shot: Shot, make: Callable[..., T], own: tuple[str, ...]) -> T:
+    """Settings from those of the knobs that they know; the others belong to other settings, or to none."""
+    from yesnt.gaussians.losses import LossWeights
+    from yesnt.gaussians.mesh_settings import MeshSettings
+    from yesnt.gaussians.settings import FitSettings
+
     knobs = shot.gaussians.knobs if shot.gaussians else {}
-    return _build("gaussians.knobs", MeshSettings, knobs, _fields(MeshSettings))
+    known = dict.fromkeys((*_fields(FitSettings), *_fields(LossWeights), *_fields(MeshSettings)))
+    taken = tuple(name for name in known if name not in ("weights", "seed"))
+    given = {name: value for name, value in knobs.items() if name in own or name not in taken}
+    return _build("gaussians.knobs", make, given, taken)
 
 
 def _fields(record: Any) -> tuple[str, ...]:

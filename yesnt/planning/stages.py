@@ -78,6 +78,13 @@ class Stage:
 
 _ROWS = (
     Stage(
+        "fit", 1, "frame", "pictures of the capture's cameras; between keyframes also a keyframe's field (only jobs "
+        "that fit Gaussians)",
+        Cost(200.0, 0.0, 900, 0, 0), "#5b4a2f",
+        {records.FitTask: "yesnt.tasks.fit:fit_field"},
+        files=("Gaussian field (PLY)",), optional=True,
+    ),
+    Stage(
         "mesh", 1, "frame", "Gaussian field, cameras of the capture (only jobs with Gaussians and no proxy)",
         Cost(30.0, 0.0, 900, 0, 10), "#8c6d31",
         {records.MeshTask: "yesnt.tasks.gaussians:extract_proxy"},
@@ -198,6 +205,7 @@ FORMER_ARRAYS = ("evaluations",)
 """Arrays of the store in outputs of older versions; a run removes them."""
 
 (
+    FIT,
     MESH, VIEW, WINDOW, DECOMPOSE, FLOW, EVIDENCE, CORRECT, CONFIDENCE, SOLVE, GROUND, BAKE, RELIGHT, SET, COMPOSITE,
     PREVIEW,
 ) = map(StageId, STAGES)  # fmt: skip

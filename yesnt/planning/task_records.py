@@ -43,6 +43,21 @@ class Gaps:
 
 
 @dataclass(frozen=True)
+class FitTask(TaskRecord):
+    """Fits the Gaussian field of one frame to the pictures of the capture.
+
+    Attributes:
+        cameras: names of those that are fitted.
+        held_out: names of those that only measure.
+        keyframe: frame whose field the fit starts from; None: it starts from the visual hull.
+    """
+
+    cameras: tuple[str, ...]
+    held_out: tuple[str, ...]
+    keyframe: int | None = None
+
+
+@dataclass(frozen=True)
 class MeshTask(TaskRecord):
     """Extracts the proxy mesh of one frame's Gaussian field."""
 

@@ -57,7 +57,7 @@ from yesnt.workflows.shot import shot_graph
 
 Listener = Callable[[Mapping[str, Any]], None]
 
-MAKERS = ("mesh", "view")
+MAKERS = ("fit", "mesh", "view")
 """Stages that make what other stages read as input files."""
 
 

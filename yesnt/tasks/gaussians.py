@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.core.camera import Camera
-from yesnt.core.gaussian_input import PROXY, VIEW
+from yesnt.core.errors import CorruptError
+from yesnt.core.gaussian_input import FIELD, PROXY, VIEW, held_out_of
 from yesnt.gaussians.field import GaussianField
 from yesnt.io.cameras import calibration_roles, cameras_of
 from yesnt.io.exr import write_exr
@@ -18,6 +19,7 @@ from yesnt.io.gaussian_ply import read_field
 from yesnt.io.jobfile import frame_path
 from yesnt.io.mesh_files import write_glb, write_ply
 from yesnt.planning import settings as of
+from yesnt.planning.stages import FIT
 from yesnt.planning.task_records import MeshTask, ViewTask
 from yesnt.tasks.inputs import prove_input, read_checked
 from yesnt.tasks.workspace import Workspace
@@ -38,7 +40,7 @@ def extract_proxy(space: Workspace[MeshTask]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     write_ply(path, mesh.vertices, mesh.faces)
     write_glb(path.with_suffix(".glb"), mesh.vertices, mesh.faces)
-    _commit(space, [path, path.with_suffix(".glb")], {"triangles": len(mesh.faces), "gaussians": field.count})
+    commit_files(space, [path, path.with_suffix(".glb")], {"triangles": len(mesh.faces), "gaussians": field.count})
 
 
 def render_view(space: Workspace[ViewTask]) -> None:
@@ -49,7 +51,7 @@ def render_view(space: Workspace[ViewTask]) -> None:
     path = frame_path(space.output.root, VIEW, space.frame)
     path.parent.mkdir(parents=True, exist_ok=True)
     write_exr(path, planes)
-    _commit(space, [path], {"gaussians": field.count})
+    commit_files(space, [path], {"gaussians": field.count})
 
 
 def view_planes(field: GaussianField, camera: Camera, frame: int | None) -> dict[str, NDArray[np.floating]]:
@@ -72,9 +74,29 @@ def view_planes(field: GaussianField, camera: Camera, frame: int | None) -> dict
 def _field(space: Workspace[Any]) -> GaussianField:
     gaussians = space.job.shot.gaussians
     assert gaussians is not None
+    if gaussians.path is None:
+        return fitted_field(space, space.frame)
     path = frame_path(space.job.root, gaussians.path, space.frame)
     with space.clock.reading_time():
         return read_checked(path, space.node.inputs["field"], lambda: read_field(path))
+
+
+def fitted_field(space: Workspace[Any], frame: int) -> GaussianField:
+    """The field that the fit of a frame committed, checked against its record.
+
+    Raises:
+        CorruptError: there is no record, or the file is another one.
+    """
+    path, record = frame_path(space.output.root, FIELD, frame), space.book.find(FIT, frame)
+    name = str(path.relative_to(space.output.root))
+    with space.clock.reading_time():
+        field = read_field(path)
+        if record is None or record.files.get(name) != file_digest(path):
+            raise CorruptError(
+                "A fitted field is not the one that was committed", str(path), "the file of the stage's record",
+                "`yesnt verify SHOT --repair` makes it again",
+            )  # fmt: skip
+    return field
 
 
 def _cameras(space: Workspace[MeshTask]) -> list[tuple[Camera, int | None]]:
@@ -83,11 +105,16 @@ def _cameras(space: Workspace[MeshTask]) -> list[tuple[Camera, int | None]]:
     if capture is None:
         return []
     found = cameras_of(space.job.root, capture)
+    gaussians = space.job.shot.gaussians
+    if gaussians is not None and gaussians.path is None:
+        held_out = held_out_of(tuple(found), gaussians.held_out)
+        found = {name: one for name, one in found.items() if name not in held_out}
     for role, path in calibration_roles(space.job.root, capture).items():
         prove_input(path, space.node.inputs[role])
     return [(one.camera, one.pose_of(space.frame)) for one in found.values()]
 
 
-def _commit(space: Workspace[Any], paths: list[Path], facts: dict[str, Any]) -> None:
+def commit_files(space: Workspace[Any], paths: list[Path], facts: dict[str, Any]) -> None:
+    """Commits files below the output folder as a frame's result."""
     files = {str(path.relative_to(space.output.root)): file_digest(path) for path in paths}
     space.commit(space.frame, {}, files, facts)

@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from yesnt.capture.files import camera_files
+from yesnt.capture.pictures import check_files
 from yesnt.core import camera as camera_module
 from yesnt.core.camera import Camera
 from yesnt.core.job_progress import Progress, no_progress
@@ -25,6 +27,7 @@ from yesnt.core.parallel import parallel_map
 from yesnt.core.shot import Job
 from yesnt.inspect.camera_facts import oddities
 from yesnt.io import env_maps, shot_inputs
+from yesnt.io.cameras import CalibratedCamera, cameras_of
 from yesnt.io.color_statements import Statement
 from yesnt.io.fact_cache import FactCache
 from yesnt.io.job_colors import check_statement, first_statements
@@ -141,12 +144,27 @@ class InputChecks:
                 file = frame_path(job.root, job.shot.background.path, frame)
                 check_statement(file, job.shot, "background", self._statements["background"])
                 shot_inputs.read_background(job, frame)
-            if gaussians is not None:
+            if gaussians is not None and gaussians.path is None:
+                self._check_fitted(frame)
+            if gaussians is not None and gaussians.path is not None:
                 digest = self._digests[str(frame_path(job.root, gaussians.path, frame))]
                 key = digest_of({"check": "field", "code": code_digest(), "file": digest})
                 self.facts.fetch(key, partial(check_field, job, frame))
             self._progress("Checking frames", done, len(job.frames))
         yield from ()
+
+    def _check_fitted(self, frame: int) -> None:
+        """Looks at the headers of all pictures that a frame's field is fitted to."""
+        capture = self._job.shot.capture
+        assert capture is not None
+        first = self._statements["capture"]
+        for name, camera in cameras_of(self._job.root, capture).items():
+            files = camera_files(self._job.root, capture, name, frame)
+            digests = {role: self._digests[str(path)] for role, path in files.items()}
+            section, stated = capture.model_dump(mode="json"), asdict(first)
+            depends = {"check": "fitted", "code": code_digest(), "camera": name, "files": digests, "frame": frame}
+            key = digest_of({**depends, "reads": section, "stated": stated})
+            self.facts.fetch(key, partial(_check_header, self._job, name, camera, frame, first))
 
     def material_ranges(self) -> tuple[tuple[float, float], tuple[float, float]] | None:
         """Smallest and largest roughness and metallic inside the mattes, of passes that the job brings; else None."""
@@ -304,6 +322,11 @@ class InputChecks:
         counts = {"negative values are read as 0": found.negative, "infinite values are clamped": found.infinite}
         size = [found.values.shape[1], found.values.shape[0]]
         return {"counts": {what: count for what, count in counts.items() if count}, "size": size}
+
+
+def _check_header(job: Job, name: str, camera: CalibratedCamera, frame: int, first: Statement) -> list[str]:
+    check_files(job, name, camera, frame, first)
+    return []
 
 
 def _uncovered(matte: NDArray[np.float32], uncovered: NDArray[np.float32]) -> int:

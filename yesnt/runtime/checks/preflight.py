@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from yesnt.capture.files import camera_files
 from yesnt.capture.plan import CapturePlan, plan_capture
 from yesnt.core.camera import Camera
 from yesnt.core.errors import JobError
@@ -15,7 +16,7 @@ from yesnt.core.job_progress import Progress, no_progress
 from yesnt.core.shot import Job, Shot
 from yesnt.decompose.identity import BackendIdentity, identify_backend
 from yesnt.decompose.registry import find_weights
-from yesnt.io.cameras import calibration_roles
+from yesnt.io.cameras import calibration_roles, cameras_of
 from yesnt.io.fact_cache import FactCache
 from yesnt.io.file_digests import FileDigests
 from yesnt.io.job_colors import resolve_colors
@@ -154,7 +155,7 @@ def _accepting(shot: Shot, licences: tuple[str, ...]) -> Shot:
 def _check_knobs(shot: Shot) -> None:
     checks: tuple[Callable[[Shot], object], ...] = (
         of.ensemble_settings, of.backend_knobs, of.flow_settings, of.energy_params, of.relight_settings,
-        of.mesh_settings,
+        of.mesh_settings, of.fit_settings,
     )  # fmt: skip
     for check in checks:
         check(shot)
@@ -173,7 +174,7 @@ def _sequences(shot: Shot) -> Iterable[str]:
     yield shot.gbuffer.path
     if shot.proxy:
         yield shot.proxy.path
-    if shot.gaussians:
+    if shot.gaussians and shot.gaussians.path:
         yield shot.gaussians.path
     yield from pass_files(shot.decompose).values()
     yield from (one.path for one in shot.materials)
@@ -187,6 +188,10 @@ def _input_files(job: Job, without: Collection[str] = ()) -> Iterable[Path]:
         yield from (frame_path(job.root, pattern, frame) for frame in job.frames)
     if shot.gaussians and shot.capture:
         yield from calibration_roles(job.root, shot.capture).values()
+        if shot.gaussians.path is None:
+            for name in cameras_of(job.root, shot.capture):
+                for frame in job.frames:
+                    yield from camera_files(job.root, shot.capture, name, frame).values()
     if shot.flow.path:  # the last frame's flow leads out of the shot
         yield from (frame_path(job.root, shot.flow.path, frame) for frame in job.frames[:-1])
     if shot.flow.weights:

@@ -1,0 +1,148 @@
+"""Fields that a run fits itself: a capture of a sphere goes in, fields, views and proxies come out."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.gaussians.scenes import look_at, shell
+from tests.runtime.test_gaussian_job import RADIUS, moved
+from tests.tiny_shot import write_tiny_shot
+from yesnt.core.camera import Camera
+from yesnt.core.errors import JobError
+from yesnt.core.gaussian_input import held_out_of
+from yesnt.gaussians.field import GaussianField
+from yesnt.inspect.forecast import forecast
+from yesnt.io.exr import write_exr
+from yesnt.planning.builders.gaussians import keyframe_of
+from yesnt.planning.stages import FIT
+from yesnt.runtime.control.share import run_shared
+from yesnt.runtime.run_options import RunOptions
+from yesnt.runtime.session import Session
+from yesnt.tasks import fit as fit_task
+from yesnt.tasks.gaussians import view_planes
+
+SIDE, FOCAL = 32, 44.0
+KNOBS = {"steps": 90, "check": 30, "count": 150, "most": 200, "triangles": 600}
+
+
+def eyes(count: int = 9) -> list[np.ndarray]:
+    index = np.arange(count)
+    turn, height = 2 * np.pi * index / count, np.where(index % 3 == 0, 1.2, np.where(index % 3 == 1, 0.2, -0.9))
+    return [np.array([2 * np.cos(a), 2 * np.sin(a), h]) for a, h in zip(turn, height, strict=True)]
+
+
+def write_capture_shot(folder: Path, frames: int = 1, **changes: Any) -> Path:
+    """The tiny shot with a capture of a sphere in place of plates, G-buffers and proxies."""
+    section = {"cameras": "cameras.json", "images": "capture/{camera}/plate.####.exr"}
+    bare: dict[str, Any] = {"plate": None, "gbuffer": None, "proxy": None, "evidence": {"use": False}}
+    bare |= {"capture": section, "gaussians": {"every": 2, "held_out": 1, "knobs": KNOBS}}
+    job = write_tiny_shot(folder, frames, (24, 20), **bare | changes)
+    for path in [*folder.glob("plate.*"), *folder.glob("gbuffer.*"), *folder.glob("proxy.*")]:
+        path.unlink()
+    cameras = {}
+    for number, eye in enumerate(eyes()):
+        pose = look_at(tuple(eye))
+        one = {"width": SIDE, "height": SIDE, "fx": FOCAL, "fy": FOCAL, "cx": SIDE / 2, "cy": SIDE / 2}
+        cameras[f"c{number:02d}"] = one | {"world_from_camera": pose.ravel().tolist()}
+        camera = Camera(SIDE, SIDE, FOCAL, FOCAL, SIDE / 2, SIDE / 2, {0: pose})
+        for i in range(frames):
+            path = folder / "capture" / f"c{number:02d}" / f"plate.{1001 + i}.exr"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            planes = view_planes(moved(colored(), 0.03 * i), camera, None)
+            write_exr(path, {name: planes[name].astype(np.float16) for name in "RGBA"})
+    (folder / "cameras.json").write_text(json.dumps({"cameras": cameras}))
+    return job
+
+
+def colored() -> GaussianField:
+    """Stripes along z on a sphere."""
+    field = shell(500, RADIUS, logit=7.0)
+    harmonics = np.zeros_like(field.harmonics)
+    harmonics[:, 0, 0] = np.sin(9 * field.positions[:, 2])
+    return GaussianField(field.positions, field.log_scales, field.rotations, field.opacity_logits, harmonics)
+
+
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    job = write_capture_shot(tmp_path_factory.mktemp("capture"), 2)
+    result = run_shared(Session(job), RunOptions())
+    assert not result.missing
+    return job
+
+
+def field_bytes_of(job: Path, frame: int = 1001) -> bytes:
+    return (job.parent / f"out/gaussians/field.{frame}.ply").read_bytes()
+
+
+def test_a_run_goes_from_a_capture_to_relit_frames(ran: Path) -> None:
+    session = Session(ran)
+    assert not session.resolved.awaiting
+    for frame in session.job.frames:
+        assert session.output.exr_path("tiny", frame).exists()
+        record = session.book.find("fit", frame)
+        assert record is not None
+        assert record.facts["psnr"] > 20
+        looks = json.loads((session.output.run / f"fit/{frame}.json").read_text())["looks"]
+        assert looks[-1]["psnr"] == record.facts["psnr"]
+    assert not list((session.output.root / "gaussians/checkpoints").glob("*"))
+
+
+def test_frames_between_keyframes_start_from_one(ran: Path) -> None:
+    session = Session(ran)
+    first, second = (session.graph().committer(FIT, frame) for frame in (1001, 1002))
+    assert (first.task.keyframe, second.task.keyframe) == (None, 1001)
+    assert second.needs == (first.id,)
+    assert first.task.held_out == ("c04",)
+
+
+def test_a_fit_that_is_killed_goes_on_to_the_same_bytes(ran: Path, tmp_path: Path, monkeypatch: Any) -> None:
+    job, tell = write_capture_shot(tmp_path, 1), fit_task._tell
+    seen = []
+
+    def dies(space: Any, looks: list[dict[str, Any]]) -> None:
+        seen.append(looks[-1]["step"])
+        if looks[-1]["step"] == 60:
+            raise KeyboardInterrupt
+        tell(space, looks)
+
+    monkeypatch.setattr(fit_task, "_tell", dies)
+    with pytest.raises(KeyboardInterrupt):
+        run_shared(Session(job), RunOptions(until="fit"))
+    monkeypatch.setattr(fit_task, "_tell", lambda space, looks: seen.append(looks[-1]["step"]))
+    run_shared(Session(job), RunOptions(until="fit"))
+    assert seen == [30, 60, 60, 90]
+    assert field_bytes_of(job) == field_bytes_of(ran)
+
+
+def test_the_plan_names_the_fit(tmp_path: Path) -> None:
+    rows = forecast(Session(write_capture_shot(tmp_path, 2))).stages
+    assert [(row.stage, row.todo) for row in rows] == [("fit", 2), ("mesh", 2), ("view", 2)]
+
+
+@pytest.mark.parametrize(
+    ("every", "expected"), [(1, [None] * 6), (4, [None, 0, 0, 4, None, 4]), (8, [None, 0, 0, 0, 0, 0])]
+)
+def test_each_frame_has_the_nearest_keyframe(every: int, expected: list[int | None]) -> None:
+    assert [keyframe_of(range(6), position, every) for position in range(6)] == expected
+
+
+def test_one_camera_in_twelve_is_held_out() -> None:
+    names = [f"c{i:02d}" for i in range(24)]
+    assert held_out_of(names, None) == ("c06", "c18")
+    assert held_out_of(names[:4], None) == ()
+    assert held_out_of(names, 1) == ("c12",)
+
+
+def test_a_fit_without_pictures_and_a_picture_of_another_size_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(JobError, match="`gaussians` needs `path`, or `capture` with the pictures"):
+        Session(write_tiny_shot(tmp_path / "a", 1, proxy=None, gaussians={}))
+    job = write_capture_shot(tmp_path / "b", 1)
+    write_exr(tmp_path / "b/capture/c03/plate.1001.exr", {c: np.zeros((8, 8), np.float16) for c in "RGBA"})
+    with pytest.raises(JobError, match="The picture of camera c03 is 8x8"):
+        run_shared(Session(job), RunOptions())
+    assert not (tmp_path / "b/out/gaussians").exists()

@@ -41,7 +41,7 @@ def shot_graph(plan: ShotPlan) -> Graph:
     graph.extend(after_views(graph, correct_nodes(plan, graph)))
     graph.extend(confidence_nodes(plan, graph))
     graph.extend(solve_nodes(plan, graph))
-    graph.extend(ground_nodes(plan, graph))
+    graph.extend(after_views(graph, ground_nodes(plan, graph)))
     graph.extend(bake_nodes(plan, graph))
     graph.extend(after_views(graph, relight_nodes(plan, graph)))
     graph.extend(after_views(graph, set_nodes(plan, graph)))

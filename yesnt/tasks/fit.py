@@ -107,7 +107,8 @@ def _begin(space: Workspace[FitTask], capture: _Capture) -> Any:
     """The state before the first step: discs on the visual hull, or a keyframe's field moved onto it."""
     from yesnt.capture.hull import Silhouette, visual_hull
     from yesnt.gaussians.fit_state import FitState
-    from yesnt.gaussians.initial import discs, extent, moved, pixel_width, rigid_motion
+    from yesnt.gaussians.initial import discs, extent, pixel_width
+    from yesnt.gaussians.rigid import moved, rigid_motion
 
     settings, key = of.fit_settings(space.job.shot), space.task.keyframe
     hull = visual_hull([Silhouette(one.name, one.camera, one.pose, one.matte) for one in capture.seen])

@@ -11,7 +11,7 @@ from yesnt.gaussians.field import GaussianField, rotation_matrices
 
 F64 = NDArray[np.float64]
 
-ROUNDS = 20
+ROUNDS = 40
 
 
 def rigid_motion(source: F64, surface: F64, rounds: int = ROUNDS) -> tuple[F64, F64]:

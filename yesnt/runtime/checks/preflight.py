@@ -182,16 +182,22 @@ def _sequences(shot: Shot) -> Iterable[str]:
         yield shot.background.path
 
 
+def _fitted_pictures(job: Job) -> Iterable[Path]:
+    """Pictures that the run itself fits Gaussian fields to."""
+    gaussians, capture = job.shot.gaussians, job.shot.capture
+    if gaussians is not None and gaussians.path is None and capture is not None:
+        for name in cameras_of(job.root, capture):
+            for frame in job.frames:
+                yield from camera_files(job.root, capture, name, frame).values()
+
+
 def _input_files(job: Job, without: Collection[str] = ()) -> Iterable[Path]:
     shot = job.shot
     for pattern in (pattern for pattern in _sequences(shot) if pattern not in without):
         yield from (frame_path(job.root, pattern, frame) for frame in job.frames)
     if shot.gaussians and shot.capture:
         yield from calibration_roles(job.root, shot.capture).values()
-        if shot.gaussians.path is None:
-            for name in cameras_of(job.root, shot.capture):
-                for frame in job.frames:
-                    yield from camera_files(job.root, shot.capture, name, frame).values()
+        yield from _fitted_pictures(job)
     if shot.flow.path:  # the last frame's flow leads out of the shot
         yield from (frame_path(job.root, shot.flow.path, frame) for frame in job.frames[:-1])
     if shot.flow.weights:

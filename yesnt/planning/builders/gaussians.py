@@ -71,9 +71,7 @@ def _fit_node(plan: ShotPlan, keyframes: Graph, frame: int, task: FitTask) -> No
         files = camera_files(job.root, capture, name, frame)
         inputs |= {f"{role} {name}": plan.digests[str(path)] for role, path in files.items()}
     needs = [] if task.keyframe is None else [keyframes.committer(FIT, task.keyframe)]
-    fields = node_fields(
-        plan, FIT, _fit_settings(plan), node_keys(needs), inputs=inputs, held_out=list(task.held_out)
-    )
+    fields = node_fields(plan, FIT, _fit_settings(plan), node_keys(needs), inputs=inputs, held_out=list(task.held_out))
     return frame_node(plan, FIT, frame, fields, task, needs)
 
 

@@ -9,6 +9,7 @@ import time
 
 import pytest
 
+from tests.capture.capture_shot import write_capture_shot
 from yesnt.cli.text import compiling_line
 from yesnt.runtime.cluster import precompile, prepare_workers
 from yesnt.runtime.cluster.precompile import Precompilation, Unit, compile_missing
@@ -33,13 +34,18 @@ def signatures(code: str) -> set[tuple[str, str]]:
     return {(name, one) for name, several in json.loads(output.splitlines()[-1]).items() for one in several}
 
 
-def test_tasks_find_every_kernel_compiled(tiny_shot):
+def test_tasks_find_every_kernel_compiled(tiny_shot, tmp_path):
     """With a warm cache both processes load the kernels that they call from Python, and no others."""
     compile_all = "from yesnt.runtime.cluster.precompile import UNITS\nfor unit in UNITS: unit.compile()\n"
     tasks = "from pathlib import Path\nfrom tests.in_process import run_here\n"
     tasks += f"run_here(Path({str(tiny_shot)!r}), 'relight')\n"
+    captured = write_capture_shot(tmp_path / "captured", cameras=2, frames=1, evidence={"use": True})
+    tasks += f"run_here(Path({str(captured)!r}), 'evidence')\n"
     compiled, used = signatures(compile_all), signatures(tasks)
-    assert {name for name, _ in used} >= {"yesnt.relight.kernels._sum_pixels", "yesnt.temporal.kernels.gradient"}
+    assert {name for name, _ in used} >= {
+        "yesnt.relight.kernels._sum_pixels", "yesnt.temporal.kernels.gradient",
+        "yesnt.decompose.evidence.fit._fit_points",
+    }  # fmt: skip
     assert used <= compiled
 
 

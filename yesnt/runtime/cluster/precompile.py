@@ -65,6 +65,7 @@ UNITS = (
     Unit("yesnt.relight", "precompile_lobes"),
     Unit("yesnt.temporal", "precompile_solver"),
     Unit("yesnt.relight", "precompile_shadows"),
+    Unit("yesnt.decompose.evidence", "precompile_evidence"),
 )
 """All units, the longest first."""
 

@@ -25,7 +25,7 @@ READERS_OF_A_SHOT = (
 )  # fmt: skip
 """Verbs of the contract that begin by reading a job file, with their further arguments."""
 
-TESTED_ELSEWHERE = {"demo", "init", "doctor", "eval", "stage", "camera"}
+TESTED_ELSEWHERE = {"demo", "init", "doctor", "eval", "stage", "camera", "capture", "gof"}
 """Verbs whose work a test below, or a test of their own folder, covers."""
 
 

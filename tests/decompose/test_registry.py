@@ -79,7 +79,7 @@ def test_a_row_declares_every_knob_of_its_class_with_the_same_default(name):
 @pytest.mark.parametrize(
     ("name", "knobs", "expected"),
     [
-        ("embedded", {}, Footprint(128, 16, 2, predicts_mean=True)),
+        ("embedded", {}, Footprint(128, 16, 1, predicts_mean=True)),
         ("embedded", {"steps": 4}, Footprint(128, 16, 4, predicts_mean=True)),
         ("rgbx", {}, Footprint(768, 8, 100)),
         ("rgbx", {"steps": 3, "patch": 512}, Footprint(512, 8, 6)),

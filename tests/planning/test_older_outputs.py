@@ -54,7 +54,7 @@ def test_marks_and_events_of_an_older_version_are_read(tmp_path: Path) -> None:
         mark.write_text(json.dumps({"stage": stage, "frame": 1001, "reason": "it killed two workers"}))
     assert session.marked_dead() == {(DECOMPOSE, 1001): "it killed two workers"}
     facts = {"event": "done", "time": 9.0, "frames": [1001], "pid": 1, "seconds": 2.0}
-    stages = ("trust", "preview.reel", "solve.0.r3", "bake")
+    stages = ("trust", "preview.reel", "solve.0.r3", "polish")
     session.output.events.write_text("\n".join(json.dumps({**facts, "stage": stage}) for stage in stages))
     tasks = gather(session)["tasks"]
     assert [task["stage"] for task in tasks] == ["confidence", "preview", "solve"]

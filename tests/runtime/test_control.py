@@ -204,8 +204,8 @@ def test_submit_passes_options_on_and_leaves_at_once(
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"until": "bake"}, "No stage 'bake'"),
-        ({"force": ("bake:1001",)}, "No stage 'bake'"),
+        ({"until": "polish"}, "No stage 'polish'"),
+        ({"force": ("polish:1001",)}, "No stage 'polish'"),
         ({"frames": "7"}, "no frame 7"),
     ],
 )

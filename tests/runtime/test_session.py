@@ -155,8 +155,8 @@ def test_subset_first_then_all_gives_the_same_bytes(finished: Path, tmp_path: Pa
 
 def test_wrong_options_are_refused_before_anything_is_written(tmp_path: Path, cluster: ClusterSpec) -> None:
     path = write_tiny_shot(tmp_path / "s", FRAMES)
-    with pytest.raises(UsageError, match="No stage 'bake'"):
-        run(path, cluster, until="bake")
+    with pytest.raises(UsageError, match="No stage 'polish'"):
+        run(path, cluster, until="polish")
     with pytest.raises(UsageError, match="no frame 2000"):
         run(path, cluster, frames="2000")
     assert not (path.parent / "out").exists()

@@ -133,8 +133,8 @@ def write_mesh(path: Path, vertices: np.ndarray, faces: np.ndarray) -> None:
 @pytest.mark.parametrize(
     ("section", "says"),
     [
-        ({"set": {}}, "it needs `ground` or `mesh`, and not both"),
-        ({"set": {"ground": 0.0, "mesh": "a.ply"}}, "it needs `ground` or `mesh`, and not both"),
+        ({"set": {}}, "it needs one of `ground`, `mesh` and `blend`"),
+        ({"set": {"ground": 0.0, "mesh": "a.ply"}}, "it needs one of `ground`, `mesh` and `blend`"),
         ({"set": {"mesh": "a.ply", "radius": 3.0}}, "`radius` is of a ground, a mesh has its own size"),
         ({"set": {"ground": "auto"}, "proxy": None}, "`set` needs `proxy`, which casts the shadow"),
         (

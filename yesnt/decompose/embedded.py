@@ -46,7 +46,7 @@ class EmbeddedBackend:
     batch = 8
     align = 16
 
-    def __init__(self, path: Path = EMBEDDED_WEIGHTS, steps: int = 2, device: str | None = None) -> None:
+    def __init__(self, path: Path = EMBEDDED_WEIGHTS, steps: int = 1, device: str | None = None) -> None:
         if not 1 <= steps <= 4:
             raise ValueError(f"steps {steps} must be 1 .. 4")
         network, self.patch = load_weights(path)

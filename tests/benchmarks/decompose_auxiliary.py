@@ -77,7 +77,7 @@ def main():
     parser.add_argument("--picture", type=Path)
     options = parser.parse_args()
     torch.set_num_threads(1)
-    backend, rows, truths = EmbeddedBackend(options.weights), [], []
+    backend, rows, truths = EmbeddedBackend(options.weights, steps=2), [], []
     titles = (*(f"{factor:.1f}" for factor in FACTORS), "const", "auc", "rank r", "rank m")
     print("factor".ljust(22), *(title.rjust(7) for title in titles))
     for folder in options.folders:

@@ -67,7 +67,7 @@ def main():
     parser.add_argument("--samples", type=int, default=4)
     options = parser.parse_args()
     torch.set_num_threads(1)
-    backend = EmbeddedBackend(options.weights)
+    backend = EmbeddedBackend(options.weights, steps=2)
     found = [part for path in archive(options.folder, options.people, options.objects)
              for part in evaluated(path, backend, options.samples)]  # fmt: skip
     kind, error, truth, square = (np.concatenate(planes, -1) for planes in zip(*found, strict=True))

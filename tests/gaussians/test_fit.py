@@ -6,8 +6,10 @@ from dataclasses import replace
 
 import numba
 import numpy as np
+import pytest
 
 from tests.gaussians.scenes import random_field, view_at
+from yesnt.core.errors import JobError
 from yesnt.gaussians.densify import densify
 from yesnt.gaussians.field import rotation_matrices
 from yesnt.gaussians.fit import camera_of_step, fit, held_out_psnr
@@ -113,6 +115,28 @@ def test_splitting_keeps_the_middle_and_prunes_what_is_faint_or_unseen() -> None
     halves = [row for row in state.values["positions"] if np.linalg.norm(row - middle) < 0.2]
     assert np.allclose(np.mean(halves, 0), middle, atol=1e-6)
     assert state.seen.sum() == 0
+
+
+def test_few_wide_discs_survive_the_limit_of_their_width() -> None:
+    n = sphere(40)
+    state = FitState.of(discs(0.5 * n, n, TARGETS, 40, 0), 1.0, 0.01)
+    state.seen[:] = 1
+    assert np.exp(state.values["log_scales"].max()) > 0.08  # the limit of a field of thousands
+    densify(state, 40, 0.0)
+    assert state.count == 40
+    state.seen[:] = 1
+    state.values["log_scales"][:7] = np.log(0.9)
+    densify(state, 40, 0.0)
+    assert state.count == 33
+
+
+def test_a_fit_that_has_lost_every_gaussian_says_why() -> None:
+    state = FitState.of(random_field(6), 1.0, 0.01)
+    state.values["opacity_logits"][:4] = -6
+    state.step = 250
+    with pytest.raises(JobError, match="lost all of its 6 Gaussians by step 250: 4 almost transparent, 6 in no pic"):
+        densify(state, 6, 1.0)
+    assert state.count == 6
 
 
 def test_discs_lie_on_the_surface_with_its_normals_and_distance() -> None:

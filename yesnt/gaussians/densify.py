@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from yesnt.core.errors import JobError
 from yesnt.gaussians.field import rotation_matrices
 from yesnt.gaussians.fit_state import FITTED, FitState
 
@@ -12,7 +13,10 @@ FAINT = 0.04
 """Opacity below which a Gaussian is pruned."""
 
 LARGEST = 0.08
-"""Standard deviation above which a Gaussian is pruned, of the subject's height."""
+"""Standard deviation above which a Gaussian is pruned, of the subject's height, in fields of 2500 and more."""
+
+COARSE = 4.0
+"""The same in smaller fields, times the square root of their number: about 3 times the first discs on a ball."""
 
 SMALLEST = 0.6
 """Standard deviation below which a Gaussian is not split, in pixels at the subject."""
@@ -31,8 +35,13 @@ def densify(state: FitState, room: int, growth: float) -> None:
         state: changed in place; the halves of a split Gaussian start without Adam's moments.
         room: most Gaussians afterwards.
         growth: most new Gaussians, as a share of all; 0 prunes only.
+
+    Raises:
+        JobError: every Gaussian would be pruned.
     """
     keep = kept(state)
+    if not keep.any():
+        raise _lost(state)
     split = to_split(state, keep, min(int(growth * state.count), max(0, room - int(keep.sum()))))
     offset = _halve(state, split)
     for name in FITTED:
@@ -51,9 +60,28 @@ def densify(state: FitState, room: int, growth: float) -> None:
 
 def kept(state: FitState) -> NDArray[np.bool_]:
     """[N] Gaussians that are neither faint, nor unseen, nor far too large."""
+    faint, unseen, large = _useless(state)
+    return np.asarray(~(faint | unseen | large))
+
+
+def _useless(state: FitState) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
+    """[N] each: what is faint, what no view has seen since the last round, and what is far too large."""
     opacity = 1 / (1 + np.exp(-state.values["opacity_logits"].astype(np.float64)))
     largest = np.exp(state.values["log_scales"].max(axis=1))
-    return (opacity > FAINT) & (state.seen > 0) & (largest < LARGEST * state.height)
+    limit = max(LARGEST, COARSE / np.sqrt(max(state.count, 1)))
+    return ~(opacity > FAINT), ~(state.seen > 0), ~(largest < limit * state.height)
+
+
+def _lost(state: FitState) -> JobError:
+    """Says why nothing is left of a fit."""
+    faint, unseen, large = (int(mask.sum()) for mask in _useless(state))
+    return JobError(
+        f"A fit of a Gaussian field has lost all of its {state.count} Gaussians by step {state.step}: {faint} almost "
+        f"transparent, {unseen} in no picture, {large} far larger than the subject allows",
+        "gaussians and capture",
+        "mattes and cameras that agree on where the subject is, and learning rates near the defaults",
+        "look at the mattes and the calibration of the capture, or lower the rates in `knobs`",
+    )  # fmt: skip
 
 
 def to_split(state: FitState, keep: NDArray[np.bool_], most: int) -> NDArray[np.intp]:

@@ -147,9 +147,12 @@ def indirect_light(
     if surroundings is not None:
         painted[-len(surroundings.mesh.faces) :] = surroundings.features()
     diffuse, tint, roughness = painted[:, :3], painted[:, 3:6], painted[:, 6]
-    received, hits = proxy.gather(light.coarse, diffuse + tint, settings.bounce, settings.offset, settings.error)
+    # A wide ground is mostly open: in the mean of all triangles it would hide what a bounce is worth to the subject.
+    own = len(proxy.faces) - (len(surroundings.mesh.faces) if surroundings is not None else 0)
+    albedo = diffuse + tint
+    received, hits = proxy.gather(light.coarse, albedo, settings.bounce, settings.offset, settings.error, own)
     nothing = np.zeros((1, 3), np.float32)
-    sent = np.concatenate([(diffuse + tint) * received, nothing]).astype(np.float32)
+    sent = np.concatenate([albedo * received, nothing]).astype(np.float32)
     level = nearest_level(roughness)
     occluders = np.where((hits == OPEN)[..., None], np.float32(-1), sent[hits])
     used = tuple(np.unique(level[tint.sum(axis=1) > _TINT]).tolist())

@@ -132,7 +132,9 @@ class ProxyScene:
             hits[part].reshape(-1)[rays.place] = self.first_hits(rays.origins, rays.directions)
         return hits
 
-    def gather(self, light: Clusters, albedo: F32, bounces: int, offset: float, error: float = 0.0) -> tuple[F32, I32]:
+    def gather(
+        self, light: Clusters, albedo: F32, bounces: int, offset: float, error: float = 0.0, first: int | None = None
+    ) -> tuple[F32, I32]:
         """Irradiance / pi of each triangle: direct light plus at most `bounces` - 1 diffuse bounces.
 
         Radiosity by gathering (Cohen & Greenberg 1985), with the light's clusters as directions: free of noise.
@@ -143,6 +145,7 @@ class ProxyScene:
             bounces: largest number of bounces between the light and a pixel.
             offset: distance of the rays' origins from the surface, metres.
             error: allowed display error; bounces that are predicted to change less are left out (relight/predict.py).
+            first: number of the first triangles from which that change is predicted; None: all.
 
         Returns:
             [F, 3] irradiance over pi, and [F, C] triangles that occlude the clusters (OPEN: none).
@@ -151,7 +154,7 @@ class ProxyScene:
         cosine = np.maximum(self.normals @ light.direction, 0)
         direct = (cosine * (hits == OPEN)) @ light.energy.T / np.float32(np.pi)
         solid = cosine * light.solid_angle / np.float32(np.pi)
-        hidden = float((solid * (hits != OPEN)).sum(axis=1).mean())
+        hidden = float((solid * (hits != OPEN))[:first].sum(axis=1).mean())
         bounces = max(1, bounces_worth(hidden, float(albedo.mean()), error, bounces))
         arrives, sent = direct, np.zeros((len(self.faces) + 1, 3), dtype=np.float32)
         for _ in range(bounces - 1):

@@ -24,6 +24,10 @@ from yesnt.scene.set_view import SetImage
 from yesnt.scene.subject import Subject
 
 F32 = NDArray[np.float32]
+I32 = NDArray[np.int32]
+
+COVERED = 0.9
+"""Coverage from which a pixel's materials are the subject's own: an edge pixel mixes them with what is behind it."""
 
 
 @dataclass(frozen=True)
@@ -50,13 +54,25 @@ class RelitSubject:
         occluders = find_occluders(self.surface, pixels, self.proxy, settings)
         base = self.base_color.reshape(-1, 3)[pixels.index]
         joined = surroundings.around(self.proxy)
-        source = ShownPixels(pixels, occluders.shown, np.ascontiguousarray(base))
+        shown = inner_pixels(occluders.shown, np.asarray(self.surface.opacity).reshape(-1)[pixels.index])
+        source = ShownPixels(pixels, shown, np.ascontiguousarray(base))
         sent = indirect_light(joined, source, light, settings, surroundings)
         if settings.bounce == 0:  # as relighting: what is occluded is black
             sent = IndirectLight(sent.diffuse * 0, sent.metal._replace(tint=sent.metal.tint * 0), sent.light)
         dull = 1 - np.clip(np.nan_to_num(np.asarray(self.surface.metallic, np.float32)), 0, 1)[..., None]
         radiance = self.diffuse + self.specular * dull
         return Subject(self.proxy, sent, self.surface, radiance if settings.bounce else 0 * radiance)
+
+
+def inner_pixels(shown: I32, opacity: F32) -> I32:
+    """Triangles [P] that pixels show, without those of edge pixels: they would colour whole sides that no pixel shows.
+
+    Args:
+        shown: [P] triangle of each pixel, -1 where none.
+        opacity: [P] coverage of the pixels; where none is `COVERED`, all count.
+    """
+    inner = opacity >= COVERED
+    return np.where(inner, shown, np.int32(-1)) if (inner & (shown >= 0)).any() else shown
 
 
 class SetLayers(NamedTuple):

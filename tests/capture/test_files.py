@@ -21,6 +21,7 @@ from yesnt.core.shot import Job, Shot
 from yesnt.io.cameras import CalibratedCamera
 from yesnt.io.exr import write_exr
 from yesnt.io.video import read_picture, read_pictures, video_index
+from yesnt.runtime.checks.fitted import refuse_other_rates
 
 SIZE = 32
 
@@ -102,6 +103,16 @@ def test_a_video_with_dropped_pictures_is_refused(tmp_path) -> None:
     path = write_video(tmp_path / "v.mp4", LEVELS, skip=(9,))
     with pytest.raises(JobError, match=r"not evenly spaced: after picture 9 of 23 the next comes 2 frames later"):
         video_index(path)
+
+
+def test_videos_of_different_rates_are_refused(tmp_path) -> None:
+    """Drop-frame rates drift by a frame in 33 seconds; a video of another length at the same rate is fine."""
+    videos = {f"view c{i}": write_video(tmp_path / f"{i}.mp4", LEVELS[: 12 + i], rate=25) for i in range(3)}
+    refuse_other_rates(videos)
+    videos["view c3"] = write_video(tmp_path / "3.mp4", LEVELS, rate=24)
+    said = r"another frame rate than the others \(view c3: 24 frames a second\).*3\.mp4.*25 frames a second, as most"
+    with pytest.raises(JobError, match=said):
+        refuse_other_rates(videos)
 
 
 def test_a_picture_beyond_the_video_is_refused(tmp_path) -> None:

@@ -15,9 +15,10 @@ from tests.tiny_shot import write_tiny_shot
 from yesnt.core.camera import Camera
 from yesnt.core.errors import JobError
 from yesnt.core.gaussian_input import held_out_of
+from yesnt.gaussians.cost import BEGIN
 from yesnt.gaussians.field import GaussianField
 from yesnt.inspect.forecast import forecast
-from yesnt.io.exr import write_exr
+from yesnt.io.exr import read_planes, write_exr
 from yesnt.planning.builders.gaussians import keyframe_of
 from yesnt.planning.stages import FIT
 from yesnt.runtime.control.share import run_shared
@@ -122,6 +123,37 @@ def test_a_fit_that_is_killed_goes_on_to_the_same_bytes(ran: Path, tmp_path: Pat
 def test_the_plan_names_the_fit(tmp_path: Path) -> None:
     rows = forecast(Session(write_capture_shot(tmp_path, 2))).stages
     assert [(row.stage, row.todo) for row in rows] == [("fit", 2), ("mesh", 2), ("view", 2)]
+
+
+def test_the_plan_predicts_a_fit_from_its_settings(ran: Path, tmp_path: Path) -> None:
+    def planned(name: str, **knobs: Any) -> Any:
+        section = {"every": 1, "held_out": 1, "knobs": KNOBS | {"every": 1000} | knobs}  # no splitting
+        return forecast(Session(write_capture_shot(tmp_path / name, 1, gaussians=section))).stages[0]
+
+    few, many, large = planned("a"), planned("b", steps=900), planned("c", steps=900, count=20_000, most=20_000)
+    assert many.seconds - BEGIN == pytest.approx(10 * (few.seconds - BEGIN), rel=0.05)
+    assert large.seconds > 10 * many.seconds
+    assert large.peak_bytes > many.peak_bytes > 4e8
+    assert not few.measured
+    assert forecast(Session(ran)).stages[0].measured
+
+
+def test_mattes_that_do_not_agree_are_reported_before_the_fit(tmp_path: Path) -> None:
+    job = write_capture_shot(tmp_path / "a", 1)
+    path = tmp_path / "a/capture/c03/plate.1001.exr"
+    planes = read_planes(path)
+    write_exr(path, {name: (np.roll(plane, 8, axis=1)).astype(np.float16) for name, plane in planes.items()})
+    (said,) = (line for line in forecast(Session(job)).warnings if line.startswith("capture"))
+    assert said.startswith("capture, frame 1001: Camera c03 contradicts all others (of the worst matte")
+    assert not (tmp_path / "a/out/gaussians").exists()
+
+
+def test_mattes_that_agree_nowhere_are_refused(tmp_path: Path) -> None:
+    job = write_capture_shot(tmp_path, 1)
+    for path in (tmp_path / "capture").rglob("*.exr"):
+        write_exr(path, {name: np.zeros((SIDE, SIDE), np.float16) for name in "RGBA"})
+    with pytest.raises(JobError, match=r"The capture cannot be fitted in frame 1001: .*agree nowhere in space"):
+        forecast(Session(job))
 
 
 @pytest.mark.parametrize(

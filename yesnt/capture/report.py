@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from yesnt.capture.volume import Posed, common_volume, has_in_picture, looked_at
 from yesnt.core.errors import JobError
 from yesnt.core.shot import Job
 from yesnt.decompose.evidence.records import View
+from yesnt.gaussians.targets import MARGIN
 from yesnt.io.cameras import CalibratedCamera, calibration_path, cameras_of
 
 FARTHEST, NEAREST = 100.0, 0.05
@@ -34,6 +35,7 @@ class CaptureReport:
         gains: camera -> factors of red, green, blue that bring it to the mean of all.
         subject: size of the subject's box, metres, [3]; None where the mattes agree nowhere.
         cameras: their number.
+        sizes: camera -> pixels of its picture, and of the part around its matte; empty where no picture was read.
     """
 
     problems: tuple[str, ...]
@@ -41,6 +43,7 @@ class CaptureReport:
     gains: Mapping[str, tuple[float, ...]]
     subject: tuple[float, ...] | None
     cameras: int
+    sizes: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
 
 def report_capture(job: Job, frame: int, reach: int = 0) -> CaptureReport:
@@ -73,7 +76,8 @@ def report_capture(job: Job, frame: int, reach: int = 0) -> CaptureReport:
     gains = {} if hull.empty else estimate_gains(hull.points, hull.normals, _pairs(views))
     problems += _of_gains(gains)
     size = None if hull.empty else tuple(float(v) for v in np.ptp(hull.points, axis=0))
-    return CaptureReport(tuple(problems), offsets, gains, size, len(cameras))
+    sizes = {view.name: (view.matte.size, _crop_pixels(view.matte)) for view in views}
+    return CaptureReport(tuple(problems), offsets, gains, size, len(cameras), sizes)
 
 
 def pose_problems(cameras: Mapping[str, CalibratedCamera], frame: int) -> Iterator[str]:
@@ -192,6 +196,15 @@ def _silhouette(view: View) -> Silhouette:
         cy=lens.cy / times, lenses={},
     )  # fmt: skip
     return Silhouette(view.name, small, view.pose, reduced)
+
+
+def _crop_pixels(matte: np.ndarray[tuple[int, ...], np.dtype[np.float32]]) -> int:
+    """Pixels of the part of a picture that a fit looks at."""
+    sides = [np.flatnonzero((matte > 0).any(axis=axis)) for axis in (1, 0)]
+    lengths = [
+        min(int(np.ptp(at)) + 1 + 2 * MARGIN, whole) for at, whole in zip(sides, matte.shape, strict=True) if len(at)
+    ]
+    return int(np.prod(lengths)) if len(lengths) == 2 else 0
 
 
 def _pairs(views: Sequence[View]) -> list[tuple[Silhouette, np.ndarray[tuple[int, ...], np.dtype[np.float32]]]]:

@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from yesnt.core.stage_id import StageId
+from yesnt.inspect.fit_forecast import FitForecast
 from yesnt.inspect.frame_states import DONE, states
 from yesnt.inspect.sampling_cost import SamplingCost, is_indexed, sampling_cost
 from yesnt.io import shot_inputs
@@ -147,13 +148,17 @@ def _row(session: Session, progress: _Progress, stage: str, reasons: list[str]) 
     model = cost.seconds + cost.seconds_per_megapixel * pixels * _held(nodes) / 1e6
     sweeps = _solves(session) if stage == "solve" else 1
     peak = cost.megabytes * 1e6 + cost.bytes_per_pixel * pixels * (1 if row.streams else _held(nodes))
+    seconds, known = len(todo) * sweeps * (measured if measured is not None else model), measured is not None
+    if stage == "fit":
+        fits = FitForecast(session)
+        (seconds, known), peak = fits.seconds(todo, nodes, progress.index), fits.peak_bytes(nodes)
     return StageForecast(
         stage,
         len(todo),
         len(nodes) - len(todo),
         _most_frequent(reasons),
-        len(todo) * sweeps * (measured if measured is not None else model),
-        measured is not None,
+        seconds,
+        known,
         session.chunks.peak_bytes if stage == "solve" else peak,
         sum(len(node.frames) for node in todo) * pixels * cost.disk_bytes_per_pixel,
     )

@@ -17,8 +17,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.capture.files import camera_files
-from yesnt.capture.pictures import check_files
 from yesnt.core import camera as camera_module
 from yesnt.core.camera import Camera
 from yesnt.core.job_progress import Progress, no_progress
@@ -27,7 +25,6 @@ from yesnt.core.parallel import parallel_map
 from yesnt.core.shot import Job
 from yesnt.inspect.camera_facts import oddities
 from yesnt.io import env_maps, shot_inputs
-from yesnt.io.cameras import CalibratedCamera, cameras_of
 from yesnt.io.color_statements import Statement
 from yesnt.io.fact_cache import FactCache
 from yesnt.io.job_colors import check_statement, first_statements
@@ -46,6 +43,7 @@ from yesnt.runtime.checks.consistency.coded import refuse_coded_alpha
 from yesnt.runtime.checks.consistency.contradictions import contradictions
 from yesnt.runtime.checks.corrections import CorrectionChecks, correction_facts, corrections_of
 from yesnt.runtime.checks.fields import check_field, check_views
+from yesnt.runtime.checks.fitted import FittedChecks
 from yesnt.runtime.checks.light import light_warnings
 from yesnt.runtime.checks.preflight import READERS, Resolved
 
@@ -144,27 +142,27 @@ class InputChecks:
                 file = frame_path(job.root, job.shot.background.path, frame)
                 check_statement(file, job.shot, "background", self._statements["background"])
                 shot_inputs.read_background(job, frame)
-            if gaussians is not None and gaussians.path is None:
-                self._check_fitted(frame)
+            if self._fitted is not None:
+                self._fitted.headers(frame)
             if gaussians is not None and gaussians.path is not None:
                 digest = self._digests[str(frame_path(job.root, gaussians.path, frame))]
                 key = digest_of({"check": "field", "code": code_digest(), "file": digest})
                 self.facts.fetch(key, partial(check_field, job, frame))
             self._progress("Checking frames", done, len(job.frames))
-        yield from ()
+        if self._fitted is not None:
+            yield from self._fitted.agreement()
 
-    def _check_fitted(self, frame: int) -> None:
-        """Looks at the headers of all pictures that a frame's field is fitted to."""
-        capture = self._job.shot.capture
-        assert capture is not None
-        first = self._statements["capture"]
-        for name, camera in cameras_of(self._job.root, capture).items():
-            files = camera_files(self._job.root, capture, name, frame)
-            digests = {role: self._digests[str(path)] for role, path in files.items()}
-            section, stated = capture.model_dump(mode="json"), asdict(first)
-            depends = {"check": "fitted", "code": code_digest(), "camera": name, "files": digests, "frame": frame}
-            key = digest_of({**depends, "reads": section, "stated": stated})
-            self.facts.fetch(key, partial(_check_header, self._job, name, camera, frame, first))
+    @cached_property
+    def _fitted(self) -> FittedChecks | None:
+        """Checks of the pictures that fields are fitted to; None of a job that fits none."""
+        gaussians = self._job.shot.gaussians
+        if gaussians is None or gaussians.path is not None:
+            return None
+        return FittedChecks(self._job, self.facts, self._digests, self._statements["capture"], code_digest())
+
+    def fit_sizes(self) -> list[tuple[int, int]]:
+        """Pixels of each camera's picture and of its crop around the subject; none of a job that fits no fields."""
+        return [] if self._fitted is None else self._fitted.sizes()
 
     def material_ranges(self) -> tuple[tuple[float, float], tuple[float, float]] | None:
         """Smallest and largest roughness and metallic inside the mattes, of passes that the job brings; else None."""
@@ -322,11 +320,6 @@ class InputChecks:
         counts = {"negative values are read as 0": found.negative, "infinite values are clamped": found.infinite}
         size = [found.values.shape[1], found.values.shape[0]]
         return {"counts": {what: count for what, count in counts.items() if count}, "size": size}
-
-
-def _check_header(job: Job, name: str, camera: CalibratedCamera, frame: int, first: Statement) -> list[str]:
-    check_files(job, name, camera, frame, first)
-    return []
 
 
 def _uncovered(matte: NDArray[np.float32], uncovered: NDArray[np.float32]) -> int:

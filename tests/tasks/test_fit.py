@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +16,9 @@ from tests.tiny_shot import write_tiny_shot
 from yesnt.core.camera import Camera
 from yesnt.core.errors import JobError
 from yesnt.core.gaussian_input import held_out_of
-from yesnt.gaussians.cost import BEGIN
+from yesnt.gaussians.cost import BEGIN, FitLoad, fit_bytes, fit_seconds
 from yesnt.gaussians.field import GaussianField
+from yesnt.gaussians.settings import FitSettings
 from yesnt.inspect.forecast import forecast
 from yesnt.io.exr import read_planes, write_exr
 from yesnt.planning.builders.gaussians import keyframe_of
@@ -123,18 +125,17 @@ def test_a_fit_that_is_killed_goes_on_to_the_same_bytes(ran: Path, tmp_path: Pat
 def test_the_plan_names_the_fit(tmp_path: Path) -> None:
     rows = forecast(Session(write_capture_shot(tmp_path, 2))).stages
     assert [(row.stage, row.todo) for row in rows] == [("fit", 2), ("mesh", 2), ("view", 2)]
+    assert not rows[0].measured
+    assert 2 * BEGIN < rows[0].seconds < 10
 
 
-def test_the_plan_predicts_a_fit_from_its_settings(ran: Path, tmp_path: Path) -> None:
-    def planned(name: str, **knobs: Any) -> Any:
-        section = {"every": 1, "held_out": 1, "knobs": KNOBS | {"every": 1000} | knobs}  # no splitting
-        return forecast(Session(write_capture_shot(tmp_path / name, 1, gaussians=section))).stages[0]
-
-    few, many, large = planned("a"), planned("b", steps=900), planned("c", steps=900, count=20_000, most=20_000)
-    assert many.seconds - BEGIN == pytest.approx(10 * (few.seconds - BEGIN), rel=0.05)
-    assert large.seconds > 10 * many.seconds
-    assert large.peak_bytes > many.peak_bytes > 4e8
-    assert not few.measured
+def test_the_cost_of_a_fit_follows_from_its_settings(ran: Path) -> None:
+    load, few = FitLoad(8, 1, 1024, 900), FitSettings(**{n: KNOBS[n] for n in ("steps", "check", "count")}, every=1000)
+    many = replace(few, steps=900)
+    large = replace(many, count=20_000)
+    assert fit_seconds(many, load) - BEGIN == pytest.approx(10 * (fit_seconds(few, load) - BEGIN), rel=0.05)
+    assert fit_seconds(large, load) > 10 * fit_seconds(many, load)
+    assert fit_bytes(large, load) > fit_bytes(many, load) > 4e8
     assert forecast(Session(ran)).stages[0].measured
 
 

@@ -6,12 +6,13 @@ yesnt demo demo && python tests/benchmarks/demo_picture.py demo 1013 docs/images
 import sys
 from pathlib import Path
 
-from yesnt.report.pictures import png, stages_of
+from yesnt.io.pictures.png import png_bytes
+from yesnt.report.pictures import stages_of
 from yesnt.runtime.session import Session
 
 
 def main(shot, frame, out):
-    Path(out).write_bytes(png(stages_of(Session(shot), int(frame))))
+    Path(out).write_bytes(png_bytes(stages_of(Session(shot), int(frame))))
 
 
 if __name__ == "__main__":

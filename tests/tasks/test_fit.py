@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -23,10 +24,13 @@ from yesnt.inspect.forecast import forecast
 from yesnt.io.exr import read_planes, write_exr
 from yesnt.planning.builders.gaussians import keyframe_of
 from yesnt.planning.stages import FIT
+from yesnt.report import write_report
+from yesnt.report.fits import fit_picture
 from yesnt.runtime.control.share import run_shared
 from yesnt.runtime.run_options import RunOptions
 from yesnt.runtime.session import Session
 from yesnt.tasks import fit as fit_task
+from yesnt.tasks.fit_progress import DIFFERENCE_GAIN
 from yesnt.tasks.gaussians import view_planes
 
 SIDE, FOCAL = 32, 44.0
@@ -95,6 +99,35 @@ def test_a_run_goes_from_a_capture_to_relit_frames(ran: Path) -> None:
     assert not list((session.output.root / "gaussians/checkpoints").glob("*"))
 
 
+def test_the_report_shows_a_held_out_camera_of_every_fit(ran: Path) -> None:
+    session = Session(ran)
+    page = write_report(session).read_text()
+    assert "Gaussian fields fitted to the capture" in page
+    facts = json.loads((session.output.run / "report.json").read_text())["fits"]
+    assert [(one["frame"], one["step"]) for one in facts] == [(1001, 90), (1002, 90)]
+    told = json.loads((session.output.run / "fit/1001.json").read_text())["view"]
+    picture = cv2.imdecode(np.frombuffer(fit_picture(session) or b"", np.uint8), cv2.IMREAD_COLOR)
+    assert picture is not None
+    given, seen, difference, normals, proxy = np.split(
+        picture[: told["height"], : 5 * told["width"]] / 255.0, 5, axis=1
+    )
+    assert np.abs(np.abs(given - seen) * DIFFERENCE_GAIN - difference)[difference < 1].max() < 0.04
+    inside = seen.sum(axis=-1) > 0.5
+    assert np.median(np.abs(normals - proxy)[inside]) < 0.12, "the mesh faces where the field does"
+    assert proxy[inside][:, 0].mean() > 0.7, "blue is z: towards the camera"
+
+
+def test_the_report_shows_a_fit_that_runs(ran: Path, tmp_path: Path) -> None:
+    session = Session(write_capture_shot(tmp_path, 1))
+    assert fit_picture(session) is None
+    (session.output.run / "fit").mkdir(parents=True)
+    for name in ("fit/1001.json", "fit/1001.png"):
+        (session.output.run / name).write_bytes((Session(ran).output.run / name).read_bytes())
+    page = write_report(session).read_text()
+    assert "<td>1001<td>90<td>90" in page
+    assert "a held-out camera, the field" in page
+
+
 def test_frames_between_keyframes_start_from_one(ran: Path) -> None:
     session = Session(ran)
     first, second = (session.graph().committer(FIT, frame) for frame in (1001, 1002))
@@ -104,19 +137,19 @@ def test_frames_between_keyframes_start_from_one(ran: Path) -> None:
 
 
 def test_a_fit_that_is_killed_goes_on_to_the_same_bytes(ran: Path, tmp_path: Path, monkeypatch: Any) -> None:
-    job, tell = write_capture_shot(tmp_path, 1), fit_task._tell
+    job, tell = write_capture_shot(tmp_path, 1), fit_task.tell_progress
     seen = []
 
-    def dies(space: Any, looks: list[dict[str, Any]]) -> None:
+    def dies(run: Path, frame: int, looks: list[dict[str, Any]], *shown: Any) -> None:
         seen.append(looks[-1]["step"])
         if looks[-1]["step"] == 60:
             raise KeyboardInterrupt
-        tell(space, looks)
+        tell(run, frame, looks, *shown)
 
-    monkeypatch.setattr(fit_task, "_tell", dies)
+    monkeypatch.setattr(fit_task, "tell_progress", dies)
     with pytest.raises(KeyboardInterrupt):
         run_shared(Session(job), RunOptions(until="fit"))
-    monkeypatch.setattr(fit_task, "_tell", lambda space, looks: seen.append(looks[-1]["step"]))
+    monkeypatch.setattr(fit_task, "tell_progress", lambda run, frame, looks, *shown: seen.append(looks[-1]["step"]))
     run_shared(Session(job), RunOptions(until="fit"))
     assert seen == [30, 60, 60, 90]
     assert field_bytes_of(job) == field_bytes_of(ran)

@@ -78,7 +78,7 @@ class Stage:
 
 _ROWS = (
     Stage(
-        "fit", 1, "frame", "pictures of the capture's cameras; between keyframes also a keyframe's field (only jobs "
+        "fit", 2, "frame", "pictures of the capture's cameras; between keyframes also a keyframe's field (only jobs "
         "that fit Gaussians)",
         Cost(200.0, 0.0, 900, 0, 0), "#5b4a2f",
         {records.FitTask: "yesnt.tasks.fit:fit_field"},

@@ -12,6 +12,7 @@ from yesnt.core.stage_id import StageId
 from yesnt.inspect.frame_states import states
 from yesnt.measure.trade.run import read_trade
 from yesnt.planning.stages import STAGES, find_stage
+from yesnt.report.fits import fit_facts
 from yesnt.runtime.session import Session
 
 
@@ -32,6 +33,7 @@ def gather(session: Session) -> dict[str, Any]:
             {"stage": s.stage, "frame": s.frame, "state": s.state, "why": s.why} for s in found if s.state != "done"
         ],
         "solver": _solver([r.facts for r in records if r is not None and r.stage == "solve"]),
+        "fits": fit_facts(session),
         "sampling": _sampling([r for r in records if r is not None and r.stage == "decompose"]),
         "trade": read_trade(session.output.run),
         "tasks": _tasks(session),

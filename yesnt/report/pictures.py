@@ -11,8 +11,10 @@ from yesnt.core.color import srgb_encode
 from yesnt.core.errors import YesntError
 from yesnt.io.color_config import convert
 from yesnt.io.pictures.image import read_image
+from yesnt.io.pictures.png import png_bytes
 from yesnt.io.shot_inputs import read_plate
 from yesnt.io.store import FrameStore
+from yesnt.report.fits import fit_picture
 from yesnt.runtime.session import Session
 
 STRIP_FRAMES = 3
@@ -31,26 +33,20 @@ def draw(session: Session) -> dict[str, bytes]:
     delivered = [f for f in session.job.frames if session.output.exr_path(session.job.shot.name, f).exists()]
     chosen = delivered[:: max(1, len(delivered) // STRIP_FRAMES)][:STRIP_FRAMES]
     if chosen:
-        pictures["strip"] = png(np.concatenate([stages_of(session, frame) for frame in chosen], axis=0))
+        pictures["strip"] = png_bytes(np.concatenate([stages_of(session, frame) for frame in chosen], axis=0))
+    fits = fit_picture(session)
+    if fits is not None:
+        pictures["fits"] = fits
     heat = _nfe(session)
     if heat is not None:
-        pictures["nfe"] = png(heat)
+        pictures["nfe"] = png_bytes(heat)
     measured = _measured(session)
     if measured is not None:
-        pictures["measured"] = png(measured)
+        pictures["measured"] = png_bytes(measured)
     slices = _slices(session)
     if slices is not None:
-        pictures["slices"] = png(slices)
+        pictures["slices"] = png_bytes(slices)
     return pictures
-
-
-def png(picture: Float32) -> bytes:
-    """A display-referred picture [H, W, 3] in [0, 1] as PNG."""
-    import cv2
-
-    done, data = cv2.imencode(".png", (np.clip(picture, 0, 1) * 255 + 0.5).astype(np.uint8)[..., ::-1])
-    assert done
-    return bytes(data.tobytes())
 
 
 def stages_of(session: Session, frame: int) -> Float32:

@@ -20,11 +20,12 @@ from yesnt.core.gaussian_input import FIELD, FOLDER
 from yesnt.decompose.evidence.records import View as Seen
 from yesnt.gaussians.targets import INSIDE, Target
 from yesnt.io.cameras import calibration_roles, cameras_of
-from yesnt.io.durable import write_bytes, write_json
+from yesnt.io.durable import write_bytes
 from yesnt.io.gaussian_ply import write_field
 from yesnt.io.jobfile import frame_path
 from yesnt.planning import settings as of
 from yesnt.planning.task_records import FitTask
+from yesnt.tasks.fit_progress import tell_progress
 from yesnt.tasks.gaussians import commit_files, fitted_field
 from yesnt.tasks.inputs import prove_input
 from yesnt.tasks.workspace import Workspace
@@ -42,6 +43,11 @@ class _Capture:
     targets: Sequence[Target]
     held_out: Sequence[Target]
     damaged: int
+
+    @property
+    def shown(self) -> Target:
+        """The picture that the report compares with the field."""
+        return (*self.held_out, *self.targets)[0]
 
 
 def fit_field(space: Workspace[FitTask]) -> None:
@@ -61,7 +67,7 @@ def fit_field(space: Workspace[FitTask]) -> None:
         for look in fit(state, capture.targets, capture.held_out, settings, space.frame):
             psnr = None if np.isnan(look.psnr) else round(look.psnr, 3)
             looks.append({"step": look.step, "of": settings.steps, "gaussians": look.count, "psnr": psnr})
-            _tell(space, looks)
+            tell_progress(space.output.run, space.frame, looks, state, capture.shown, settings.near)
             if not look.done:  # a look that ends a fit is taken again rather than passed by
                 _keep(space, state.to_arrays())
     path = frame_path(space.output.root, FIELD, space.frame)
@@ -152,15 +158,3 @@ def _kept(space: Workspace[FitTask]) -> Any:
             return FitState.from_arrays({name: stored[name] for name in stored.files if name != "key"})
     except (OSError, ValueError, KeyError, BadZipFile):
         return None
-
-
-def progress_path(space_run: Path, frame: int) -> Path:
-    """The file that tells how far the fit of a frame is."""
-    return space_run / "fit" / f"{frame:04d}.json"
-
-
-def _tell(space: Workspace[FitTask], looks: list[dict[str, Any]]) -> None:
-    """Writes how far the fit is, for the report."""
-    path = progress_path(space.output.run, space.frame)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_json(path, {"frame": space.frame, "looks": looks})

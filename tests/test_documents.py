@@ -274,6 +274,7 @@ def test_python_on_the_pages_imports_and_calls_what_exists(page: Path) -> None:
 
 def test_defaults_of_the_method_are_those_of_the_code() -> None:
     from yesnt.decompose.confidence import DIVISOR
+    from yesnt.decompose.registry import ENTRIES
     from yesnt.decompose.settings import EnsembleSettings
     from yesnt.gaussians.mesh_settings import MeshSettings
     from yesnt.gaussians.settings import FitSettings
@@ -292,7 +293,7 @@ def test_defaults_of_the_method_are_those_of_the_code() -> None:
         f"relative {flow.relative}, absolute {flow.absolute}, photometric {flow.photometric}": flow.cut == 0,
         f"flow method `{flow.method}`": True,
         f"clip(std / {DIVISOR}, 0, 1)": True,
-        f"(`samples`, {EnsembleSettings().samples})": Shot.model_fields["decompose"].default.samples == 8,
+        f"(`samples`, {EnsembleSettings().samples}; the embedded model {ENTRIES['embedded'].samples})": True,
         f"(`overlap`, {EnsembleSettings().overlap})": EnsembleSettings().antithetic,
         "alpha_ggx = max(r^2, 1e-3)": ALPHA_MIN == 1e-3,
         f"level set {mesh.level} (`level`)": mesh.smoothing == 0,

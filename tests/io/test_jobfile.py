@@ -23,7 +23,8 @@ def job(tmp_path: Path, text: str) -> Path:
 
 def test_defaults_are_the_contract(tmp_path: Path) -> None:
     shot = load_shot(job(tmp_path, yaml.safe_dump(GOOD)))
-    assert (shot.decompose.backend, shot.decompose.samples, shot.quality, shot.seed) == ("embedded", 8, "standard", 0)
+    assert (shot.decompose.backend, shot.quality, shot.seed) == ("embedded", "standard", 0)
+    assert shot.decompose.samples is None, "the backend says"
     assert (shot.gbuffer.z, shot.gbuffer.normal, shot.gbuffer.normal_space) == ("depth.Z", "N", "world")
     assert (shot.light.convention, shot.light.rotation, shot.output) == ("blender", (0, 0, 0), "out")
 

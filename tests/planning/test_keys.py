@@ -19,7 +19,8 @@ from yesnt.inspect.frame_states import states
 from yesnt.io import jobfile
 from yesnt.io.records import SharedSettings, digest_of, frame_key, key_of
 from yesnt.planning.keyed_settings import changed_fields, changed_keys, shared
-from yesnt.planning.stages import STAGES
+from yesnt.planning.settings import ensemble_settings
+from yesnt.planning.stages import DECOMPOSE, STAGES
 from yesnt.runtime.session import Session
 from yesnt.temporal import EnergyParams
 from yesnt.workflows.shot import shot_graph
@@ -128,6 +129,28 @@ def test_shared_settings_are_hashed_as_any_others() -> None:
 def test_only_what_differs_from_its_default_is_kept() -> None:
     assert changed_fields(EnergyParams()) == {}
     assert changed_fields(EnergyParams(delta=0.5)) == {"delta": 0.5}
-    assert changed_keys(DecomposeInput(samples=8, path="p"), {"path"}) == {}
+    assert changed_keys(DecomposeInput(backend="embedded", path="p"), {"path"}) == {}
     assert changed_keys(DecomposeInput(samples=9)) == {"samples": 9}
     assert shared(a={}, b=None, c=0, d=False, e=[1]) == {"c": 0, "d": False, "e": [1]}
+
+
+def sampling(tmp_path: Path, **decompose: object) -> tuple[dict[str, str], str, int]:
+    """Keys of a job, the digest that its EXRs carry, and the members that it draws."""
+    path = write_tiny_shot(tmp_path / "shot", 2, decompose=decompose)
+    session = Session(path)
+    return keys(path), session.plan().job_digest, ensemble_settings(session.job.shot).samples
+
+
+def test_the_embedded_model_draws_two_members_where_the_job_does_not_say(tmp_path: Path) -> None:
+    default, two, eight = (sampling(tmp_path, **stated) for stated in ({}, {"samples": 2}, {"samples": 8}))
+    assert (default[2], two[2], eight[2]) == (2, 2, 8)
+    assert default[0]["decompose 1001"] == two[0]["decompose 1001"] != eight[0]["decompose 1001"]
+    assert sampling(tmp_path, knobs={"tolerance": 0.02})[2] == 8, "the most that a patch may get"
+    assert sampling(tmp_path, samples=4, knobs={"tolerance": 0.02})[2] == 4
+
+
+def test_a_job_that_states_eight_members_keeps_its_keys_and_its_header(tmp_path: Path) -> None:
+    session = Session(write_tiny_shot(tmp_path / "shot", 2, decompose={"samples": 8}))
+    fields = session.graph().nodes[DECOMPOSE, 0].fields
+    assert "ensemble" not in fields["settings"], "it was the default of all backends, and keys hold no defaults"
+    assert session.plan().job_digest == sampling(tmp_path)[1]

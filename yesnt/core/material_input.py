@@ -24,11 +24,12 @@ class QuantityInput(Part):
 class DecomposeInput(Part):
     """How roughness and metallic are had: a backend that is sampled, or passes already made.
 
-    `path` holds both quantities; `roughness` or `metallic` one each, and the backend gives the other.
+    `path` holds both quantities; `roughness` or `metallic` one each, and the backend gives the other. Without `samples`
+    the backend says how many members are drawn.
     """
 
     backend: str = "embedded"
-    samples: Annotated[int, Field(ge=1, le=1024)] = 8
+    samples: Annotated[int, Field(ge=1, le=1024)] | None = None
     path: str | None = None
     roughness: QuantityInput | None = None
     metallic: QuantityInput | None = None

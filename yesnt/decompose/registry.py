@@ -16,6 +16,7 @@ from yesnt.core.errors import JobError
 from yesnt.decompose.backend import Backend, Footprint, Licence, VideoBackend
 from yesnt.decompose.checkpoint import Published
 from yesnt.decompose.published import COSMOS, DIFFUSION_RENDERER, MARIGOLD, RGBX
+from yesnt.decompose.settings import EnsembleSettings
 
 Knobs: TypeAlias = Mapping[str, Any]
 
@@ -74,6 +75,8 @@ class Entry:
         knobs: declared settings by name.
         published: files that the folder of weights must hold; None: the weights are a single file in the package.
         gpu: the network is made for a GPU; a cluster that has GPU workers runs it on these alone.
+        samples: members that are drawn where the job does not say and sets no tolerance. Two, a pair of opposite noise,
+            are enough for a backend that returns the expectation of its draws (docs/trade.md).
     """
 
     implementation: str
@@ -83,6 +86,7 @@ class Entry:
     knobs: Mapping[str, KnobSpec] = field(default_factory=dict)
     published: Published | None = None
     gpu: bool = False
+    samples: int = EnsembleSettings.samples
 
     def resolve(self, knobs: Knobs) -> dict[str, Any]:
         """Returns every declared knob with the job's value or the default.
@@ -125,6 +129,7 @@ ENTRIES: dict[str, Entry] = {
         version=5,
         footprint=_embedded_footprint,
         knobs={"steps": KnobSpec(1, high=4)},
+        samples=2,
     ),
     "marigold": Entry(
         "yesnt.decompose.marigold:MarigoldBackend",

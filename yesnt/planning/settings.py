@@ -30,7 +30,18 @@ def ensemble_settings(shot: Shot) -> EnsembleSettings:
     own = backend_knobs(shot)
     given = {name: value for name, value in shot.decompose.knobs.items() if name not in own}
     known = (*_fields(EnsembleSettings), *_knobs_of(shot.decompose.backend))
-    return _build("decompose.knobs", EnsembleSettings, {"samples": shot.decompose.samples, **given}, known)
+    return _build("decompose.knobs", EnsembleSettings, {"samples": _members(shot), **given}, known)
+
+
+def _members(shot: Shot) -> int:
+    """Members K as the job says, else as the backend's entry does; with a tolerance K is only the most of a patch."""
+    from yesnt.decompose.registry import ENTRIES
+    from yesnt.decompose.settings import EnsembleSettings
+
+    if shot.decompose.samples is not None:
+        return shot.decompose.samples
+    known = shot.decompose.backend in ENTRIES and "tolerance" not in shot.decompose.knobs
+    return ENTRIES[shot.decompose.backend].samples if known else EnsembleSettings().samples
 
 
 def backend_knobs(shot: Shot) -> dict[str, Knob]:

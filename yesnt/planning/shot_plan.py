@@ -11,7 +11,7 @@ from yesnt.core.blocks import Chunks
 from yesnt.core.shot import Job
 from yesnt.core.stage_id import StageId
 from yesnt.decompose.identity import BackendIdentity
-from yesnt.decompose.settings import keyframes_taken
+from yesnt.decompose.settings import EnsembleSettings, keyframes_taken
 from yesnt.decompose.window import Window, plan_windows
 from yesnt.io.jobfile import frame_path, has_frame_number
 from yesnt.io.records import digest_of
@@ -120,7 +120,10 @@ class ShotPlan:
     @cached_property
     def job_digest(self) -> str:
         """Hash of the job's settings; the EXR headers carry it."""
-        settings = changed_keys(self.job.shot, {"output": True, "decompose": {"accept_license"}, "color": {"config"}})
+        shot, left = self.job.shot, {"accept_license"}
+        if shot.decompose.samples == EnsembleSettings().samples:  # was the default of all backends: headers stay
+            left |= {"samples"}
+        settings = changed_keys(shot, {"output": True, "decompose": left, "color": {"config"}})
         return digest_of({name: value for name, value in settings.items() if value != {}})
 
     @cached_property

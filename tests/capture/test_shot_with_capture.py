@@ -116,6 +116,18 @@ def test_keys_followpictures_of_cameras_and_the_capture_light(tmp_path) -> None:
     assert all(keys(path)[frame] != after[frame] for frame in after)
 
 
+def test_knobs_are_settings_of_the_evidence_and_defaults_change_no_key(tmp_path) -> None:
+    path = write_capture_shot(tmp_path, evidence={"every": 2})
+    before = keys(path)
+    write_capture_shot(tmp_path, evidence={"every": 2, "knobs": {"step": 2}})
+    assert keys(path) == before
+    write_capture_shot(tmp_path, evidence={"every": 2, "knobs": {"step": 4}})
+    assert all(key != before[name] for name, key in keys(path).items()), "carried frames follow their keyframe"
+    write_capture_shot(tmp_path, evidence={"knobs": {"stepp": 4}})
+    with pytest.raises(JobError, match=r"Unknown knob 'stepp'.*key evidence.knobs.*one of relative, floor"):
+        Session(path)
+
+
 def test_auto_needs_four_cameras_and_says_so(tmp_path) -> None:
     path = write_capture_shot(tmp_path, cameras=3)
     assert not keys(path)

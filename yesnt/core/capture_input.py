@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field
 
 from yesnt.core.color_spaces import LIN_REC709
-from yesnt.core.job_part import Colorspace, Part
+from yesnt.core.job_part import Colorspace, Knob, Part
 
 CAMERA = "{camera}"
 """What stands for the name of a camera in a pattern."""
@@ -60,12 +60,14 @@ class EvidenceInput(Part):
     """Whether and how the capture's cameras measure the materials.
 
     `use: auto` measures where at least four cameras see the subject. `cameras` is the largest number of cameras of a
-    frame; every `every`-th frame is measured, and the others take the result along the flow.
+    frame; every `every`-th frame is measured, and the others take the result along the flow. `knobs` are fields of
+    EvidenceSettings.
     """
 
     use: Literal["auto", True, False] = "auto"
     cameras: Annotated[int, Field(ge=1, le=256)] = 12
     every: Annotated[int, Field(ge=1, le=4096)] = 1
+    knobs: dict[str, Knob] = Field(default_factory=dict)
 
 
 def refuse_unmeasurable(capture: CaptureCameras | None, evidence: EvidenceInput, has_proxy: bool) -> None:

@@ -12,6 +12,7 @@ from yesnt.core.job_part import Knob
 from yesnt.core.shot import Shot
 
 if TYPE_CHECKING:
+    from yesnt.decompose.evidence.settings import EvidenceSettings
     from yesnt.decompose.registry import KnobSpec
     from yesnt.decompose.settings import EnsembleSettings
     from yesnt.gaussians.mesh_settings import MeshSettings
@@ -64,6 +65,13 @@ def _knobs_of(backend: str) -> Mapping[str, KnobSpec]:
     from yesnt.decompose.registry import ENTRIES
 
     return ENTRIES[backend].knobs if backend in ENTRIES else {}
+
+
+def evidence_settings(shot: Shot) -> EvidenceSettings:
+    """How the capture's cameras are weighed."""
+    from yesnt.decompose.evidence.settings import EvidenceSettings
+
+    return _build("evidence.knobs", EvidenceSettings, shot.evidence.knobs, _fields(EvidenceSettings))
 
 
 def flow_settings(shot: Shot) -> FlowSettings:

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from yesnt.capture.files import camera_files
 from yesnt.capture.pictures import read_view
 from yesnt.decompose.evidence.records import FrameEvidence, View
-from yesnt.decompose.evidence.settings import EvidenceSettings
 from yesnt.decompose.reuse import Link, propagate_keyframe
 from yesnt.io.calibrations.registry import calibration_files
 from yesnt.io.cameras import CalibratedCamera, World, calibration_path, calibration_roles, read_cameras
@@ -55,7 +54,7 @@ def measure_materials(space: Workspace[MeasureTask]) -> None:
         surface = relight_inputs.RelightInputs(plate, seen, camera, frame, proxy).surface(mean)
         light = captured_light(LightFiles(job, frame, space.node.inputs), surface, settings)
         inputs = EvidenceInputs(plate.color, surface, spread, views, proxy, light)
-        found = measure_frame(inputs, settings, EvidenceSettings())
+        found = measure_frame(inputs, settings, of.evidence_settings(job.shot))
     _commit(space, found)
 
 
@@ -114,7 +113,7 @@ def carry_materials(space: Workspace[CarryEvidenceTask]) -> None:
         planes = np.concatenate([mean, views]), np.concatenate([spread, np.zeros_like(views)])
         carried = propagate_keyframe(*planes, links, mattes, of.ensemble_settings(job.shot))
         count = np.where(carried.known, np.rint(carried.mean[2]), 0)
-        known = count >= EvidenceSettings().least_views
+        known = count >= of.evidence_settings(job.shot).least_views
         channels = {
             "measured": np.where(known, carried.mean[:2], own[0]),
             "measured_spread": np.where(known, carried.std[:2], own[1]),

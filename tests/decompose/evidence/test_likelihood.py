@@ -4,7 +4,15 @@ import pytest
 from yesnt.decompose.evidence import fit, reference
 from yesnt.decompose.evidence.posterior import log_prior, metallic_shares, moments, posterior
 from yesnt.decompose.evidence.records import Observations, Responses
-from yesnt.decompose.evidence.settings import DARKEST_METAL, HALF_METALS, METALLIC, ROUGHNESS, EvidenceSettings
+from yesnt.decompose.evidence.settings import (
+    DARKEST_METAL,
+    HALF_METALS,
+    METALLIC,
+    ROUGHNESS,
+    EvidenceSettings,
+    metallic_levels,
+    roughness_levels,
+)
 
 SETTINGS = EvidenceSettings()
 
@@ -25,6 +33,36 @@ def test_the_compiled_likelihood_is_the_reference() -> None:
     seen, of = random_case()
     fast, slow = (one.negative_log_likelihood(seen, of, SETTINGS) for one in (fit, reference))
     np.testing.assert_allclose(fast, slow, rtol=2e-5, atol=1e-4)
+
+
+def test_the_grid_is_the_tables_and_as_many_candidates_as_are_asked_for() -> None:
+    assert tuple(roughness_levels(SETTINGS)) == ROUGHNESS
+    assert tuple(metallic_levels(SETTINGS)) == METALLIC
+    fine = EvidenceSettings(roughness_levels=15, metallic_levels=9)
+    np.testing.assert_allclose(roughness_levels(fine)[::2], ROUGHNESS)
+    np.testing.assert_allclose(metallic_levels(fine)[::2], METALLIC)
+    seen, of = random_case()
+    fast, slow = (one.negative_log_likelihood(seen, of, fine) for one in (fit, reference))
+    assert fast.shape == (40, len(ROUGHNESS), 9)
+    np.testing.assert_allclose(fast, slow, rtol=2e-5, atol=1e-4)
+    even = log_prior(np.full((1, 2), 0.5), np.full((1, 2), 9.0), fine)
+    assert even.shape == (1, 15, 9)
+    assert np.exp(even).sum() == pytest.approx(1, abs=1e-2), "a level stands for its cell"
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"step": 3}, "step 3 must be 1, 2 or 4"),
+        ({"roughness_levels": 1}, r"roughness_levels 1 must be in 2 \.\. 64"),
+        ({"radius": 2.5}, "radius 2.5 must be a whole number"),
+        ({"passes": 0}, "passes 0 is too small"),
+        ({"temper": 0.0}, "temper 0.0 must be above 0"),
+    ],
+)
+def test_settings_that_cannot_be_used_are_refused(changes, message) -> None:
+    with pytest.raises(ValueError, match=message):
+        EvidenceSettings(**changes)
 
 
 def test_it_is_the_same_to_the_bit_for_any_number_of_threads() -> None:
@@ -108,14 +146,14 @@ def test_evidence_makes_the_posterior_narrow_and_half_metals_are_possible() -> N
 
 
 def test_the_prior_on_metallic_is_smooth() -> None:
-    shares = metallic_shares()
+    shares = metallic_shares(SETTINGS)
     assert shares.sum() == pytest.approx(1)
     assert shares[0] > shares[-1] > shares[1:-1].max()
     assert shares.min() > 0.02
 
 
 def test_the_share_of_half_metals_is_that_of_the_even_part() -> None:
-    assert metallic_shares()[1:-1].sum() == pytest.approx(HALF_METALS * 0.75, rel=0.1)
+    assert metallic_shares(SETTINGS)[1:-1].sum() == pytest.approx(HALF_METALS * 0.75, rel=0.1)
 
 
 def test_darkness_tells_against_a_metal_alone_and_no_more_than_a_bound() -> None:

@@ -18,7 +18,7 @@ from yesnt.core.color import luminance
 from yesnt.decompose.evidence.fit import negative_log_likelihood
 from yesnt.decompose.evidence.records import Observations, Responses
 from yesnt.decompose.evidence.reference import best_base_color, linear_form
-from yesnt.decompose.evidence.settings import METALLIC, EvidenceSettings
+from yesnt.decompose.evidence.settings import EvidenceSettings, metallic_levels
 
 Float = NDArray[np.floating]
 
@@ -81,16 +81,17 @@ def _predicted(seen: Observations, of: Responses, settings: EvidenceSettings) ->
     cost = negative_log_likelihood(seen, of, settings)
     best = cost.reshape(len(cost), -1).argmin(axis=1)
     expected = np.zeros(seen.radiance.shape)
+    metallic = metallic_levels(settings)
     for candidate in np.unique(best):
-        level, m = divmod(int(candidate), len(METALLIC))
+        level, m = divmod(int(candidate), len(metallic))
         these = best == candidate
         part = Observations(*(a[these] for a in seen))
         lobes = Responses(
             of.diffuse[these], of.dielectric[these], of.metal_f0[these], of.metal_f90[these], of.missing[these],
             of.average,
         )  # fmt: skip
-        base = best_base_color(part, lobes, settings, level, METALLIC[m])
-        slope, offset = linear_form(lobes, base, level, METALLIC[m])
+        base = best_base_color(part, lobes, settings, level, metallic[m])
+        slope, offset = linear_form(lobes, base, level, metallic[m])
         expected[these] = base[:, None] * slope + offset
     return expected
 

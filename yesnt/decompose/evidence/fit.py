@@ -31,7 +31,7 @@ _MEDIAN, _DEVIATION = METAL_LUMINANCE
 def negative_log_likelihood(seen: Observations, of: Responses, settings: EvidenceSettings) -> F32:
     """As `reference.negative_log_likelihood`: [P, R, M] float32; the same bits for any number of threads."""
     count, views = seen.valid.shape
-    metallic = metallic_levels()
+    metallic = metallic_levels(settings)
     out = np.zeros((count, len(of.average), len(metallic)), dtype=np.float32)
 
     def run(first: int, last: int) -> None:

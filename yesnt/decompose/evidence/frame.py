@@ -27,7 +27,7 @@ from yesnt.decompose.evidence.pool import Neighbourhood, pooled
 from yesnt.decompose.evidence.posterior import log_prior, metallic_shares, moments, posterior
 from yesnt.decompose.evidence.records import FrameEvidence, Observations, View
 from yesnt.decompose.evidence.responses import CaptureScene, LitPoints, lit_points, probe_points, responses
-from yesnt.decompose.evidence.settings import EvidenceSettings, metallic_levels, roughness_levels
+from yesnt.decompose.evidence.settings import EvidenceSettings, roughness_levels
 from yesnt.decompose.evidence.triangles import proxy_size, shown_radiance
 from yesnt.relight.frame import prepare_capture
 from yesnt.relight.harmonics import TERMS
@@ -140,6 +140,7 @@ class _Frame:
     def __init__(self, inputs: EvidenceInputs, pixels: Pixels, scene: CaptureScene, settings: EvidenceSettings) -> None:
         self._inputs, self._pixels, self._scene, self._settings = inputs, pixels, scene, settings
         self._size = proxy_size(inputs.proxy)
+        self._grid = settings.roughness_levels, settings.metallic_levels
         self._rows = pixels.index // pixels.shape[1]
         texels = inputs.light.texels
         energy = luminance(texels.energy.T.astype(np.float64)).sum()
@@ -168,7 +169,7 @@ class _Frame:
             points, samples = self._probes(views)
             of = responses(points, samples, self._scene, np.array(LEVELS))
             seen = self._weighed(points, samples)
-            cost = negative_log_likelihood(seen, of, settings) - np.log(metallic_shares())
+            cost = negative_log_likelihood(seen, of, settings) - np.log(metallic_shares(settings))
             ways = points.pixels.normal, np.stack([one.towards for one in samples], axis=1)
             found = found.then(fit_nuisances(seen, of, ways, (cost, np.array(LEVELS)), settings))
             light = prepare_capture(corrected_map(env, found.light), self._scene.settings)
@@ -202,7 +203,7 @@ class _Frame:
             enough = views_of >= self._settings.least_views
             at = index[tile.part][enough]
             prior = log_prior(flat_mean[:, at].T, flat_std[:, at].T, self._settings)
-            shaped = cost[enough].reshape(len(at), len(roughness_levels()), len(metallic_levels()))
+            shaped = cost[enough].reshape(len(at), *self._grid)
             found, deviation = moments(posterior(shaped, prior, self._settings), self._settings)
             flat_mean[:, at], flat_std[:, at], flat_count[at] = found.T, deviation.T, views_of[enough]
         return mean, std, count
@@ -237,7 +238,7 @@ class _Frame:
         few = self._chosen(numbers)
         fitted = np.zeros(len(numbers), dtype=np.bool_)
         fitted[few] = True
-        cost = np.zeros((len(numbers), len(roughness_levels()) * len(metallic_levels())), dtype=np.float32)
+        cost = np.zeros((len(numbers), self._grid[0] * self._grid[1]), dtype=np.float32)
         cost[few] = self._cost(points.taken(few), [one.taken(few) for one in samples])
         seen = self._observations(samples)
         log_radiance = np.log(np.maximum(seen.radiance, _DARK * self._mean_radiance))
@@ -251,7 +252,7 @@ class _Frame:
 
     def _cost(self, points: LitPoints, samples: list[Sample]) -> F32:
         """Minus the log likelihood [N, R * M] of points that the cameras saw so."""
-        of = responses(points, samples, self._scene, roughness_levels())
+        of = responses(points, samples, self._scene, roughness_levels(self._settings))
         cost = negative_log_likelihood(self._weighed(points, samples), of, self._settings)
         return cost.reshape(len(cost), -1)
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from yesnt.decompose.evidence.records import Observations, Responses
 from yesnt.decompose.evidence.reference import LEAST_SQUARE, best_base_color, linear_form
-from yesnt.decompose.evidence.settings import METALLIC, EvidenceSettings
+from yesnt.decompose.evidence.settings import EvidenceSettings, metallic_levels
 from yesnt.relight.brdf import alpha_ggx
 from yesnt.relight.envmap import EnvMap, uv_to_direction
 from yesnt.relight.harmonics import BANDS, TERMS, basis
@@ -70,19 +70,19 @@ def fit_nuisances(
         settings: `gain_error`, `light_error` and `independent`.
     """
     cost, levels = chosen
-    best = cost.reshape(len(cost), -1).argmin(axis=1)
+    best, metallic = cost.reshape(len(cost), -1).argmin(axis=1), metallic_levels(settings)
     normals, left = _Normals(seen.valid.shape[1], settings), seen.valid.any(axis=1)
     weight = min(1.0, settings.independent / max(int(left.sum()), 1))
     for candidate in np.unique(best[left]):
         these = left & (best == candidate)
-        r, m = divmod(int(candidate), len(METALLIC))
+        r, m = divmod(int(candidate), len(metallic))
         part = Observations(*(a[these] for a in seen))
         lobes = Responses(
             of.diffuse[these], of.dielectric[these], of.metal_f0[these], of.metal_f90[these], of.missing[these],
             of.average,
         )  # fmt: skip
         columns = _lobe_harmonics(ways[0][these], ways[1][these], float(levels[r]))
-        normals.add(part, lobes, columns, (r, METALLIC[m]), weight)
+        normals.add(part, lobes, columns, (r, metallic[m]), weight)
     return normals.solved()
 
 

@@ -30,7 +30,7 @@ def log_prior(mean: Float, spread: Float, settings: EvidenceSettings) -> Float:
     errors = np.array([settings.roughness_error, settings.metallic_error])
     variance = spread.astype(np.float64) ** 2 + errors**2
     terms = []
-    for i, (levels, share) in enumerate(((roughness_levels(), _cell_shares()), (metallic_levels(), metallic_shares()))):
+    for i, (levels, share) in enumerate(_levels(settings)):
         distance = (levels[None] - mean[:, i, None]) ** 2 / variance[:, i, None]
         terms.append(np.log(share)[None] - 0.5 * distance)
     return np.asarray(terms[0][:, :, None] + terms[1][:, None, :])
@@ -41,14 +41,16 @@ def _edges(levels: Float) -> Float:
     return np.concatenate([[0.0], 0.5 * (levels[1:] + levels[:-1]), [1.0]])
 
 
-def _cell_shares() -> Float:
-    """Width of the cell of each level of roughness: every roughness is as likely."""
-    return np.diff(_edges(roughness_levels()))
+def _levels(settings: EvidenceSettings) -> tuple[tuple[Float, Float], tuple[Float, Float]]:
+    """Levels of roughness and of metallic, each with the share of surfaces in their cells."""
+    rough = roughness_levels(settings)
+    every = np.diff(_edges(rough))  # every roughness is as likely
+    return (rough, every), (metallic_levels(settings), metallic_shares(settings))
 
 
-def metallic_shares() -> Float:
+def metallic_shares(settings: EvidenceSettings) -> Float:
     """Share of surfaces in the cell of each level of metallic: a Beta distribution and an even one."""
-    edges = _edges(metallic_levels())
+    edges = _edges(metallic_levels(settings))
     return np.asarray((1 - HALF_METALS) * np.diff(beta.cdf(edges, *METALLIC_PRIOR)) + HALF_METALS * np.diff(edges))
 
 
@@ -67,7 +69,8 @@ def moments(probability: Float, settings: EvidenceSettings) -> tuple[F32, F32]:
     wrong for all candidates together is added (`unknown`, `stretch`).
     """
     mean, deviation = [], []
-    for levels, share in ((roughness_levels(), probability.sum(2)), (metallic_levels(), probability.sum(1))):
+    shares = probability.sum(2), probability.sum(1)
+    for (levels, _), share in zip(_levels(settings), shares, strict=True):
         middle = share @ levels
         mean.append(middle)
         within = share @ (np.diff(_edges(levels)) ** 2 / 12)

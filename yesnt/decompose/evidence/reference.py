@@ -28,9 +28,9 @@ def negative_log_likelihood(seen: Observations, of: Responses, settings: Evidenc
     standard deviations. What a dark base colour tells against a metal is added, times `temper`, since pooled costs are
     divided by it.
     """
-    nu, found = settings.freedom, np.zeros((len(seen.valid), len(of.average), len(metallic_levels())))
+    nu, found = settings.freedom, np.zeros((len(seen.valid), len(of.average), len(metallic_levels(settings))))
     for r in range(len(of.average)):
-        for m, metallic in enumerate(metallic_levels()):
+        for m, metallic in enumerate(metallic_levels(settings)):
             base = best_base_color(seen, of, settings, r, metallic)
             error = residual(seen, of, base, r, metallic)
             cost = 0.5 * (nu + 1) * np.log1p(error**2 / nu)

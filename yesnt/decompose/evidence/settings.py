@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -11,6 +11,9 @@ ROUGHNESS = (0.05, 0.12, 0.2, 0.3, 0.42, 0.56, 0.75, 1.0)
 
 METALLIC = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Candidates of metallic."""
+
+MOST_LEVELS = 64
+"""Most candidates of one quantity."""
 
 METALLIC_PRIOR = (0.0023, 0.0213)
 """Parameters a, b of a Beta distribution, fitted to the metallic of 400,000 pixels that the generator of training data
@@ -67,6 +70,8 @@ class EvidenceSettings:
         light_error: standard deviation of the smooth factor of the capture light; 0 takes the map as it is.
         independent: points that tell about gains and light as if they were independent; the others repeat them.
         passes: times that gains and light are fitted.
+        roughness_levels: candidates of roughness, at least 2; other numbers than 8 are spread as `ROUGHNESS` is.
+        metallic_levels: candidates of metallic, evenly spread, at least 2.
         tile: pixels that are measured together; bounds memory.
     """
 
@@ -98,14 +103,41 @@ class EvidenceSettings:
     light_error: float = 0.1
     independent: int = 100
     passes: int = 2
+    roughness_levels: int = len(ROUGHNESS)
+    metallic_levels: int = len(METALLIC)
     tile: int = 4096
 
+    def __post_init__(self) -> None:
+        """Checks the ranges.
 
-def roughness_levels() -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """`ROUGHNESS` as an array [R]."""
-    return np.array(ROUGHNESS)
+        Raises:
+            ValueError: a field is out of its range; names it.
+        """
+        for field in fields(self):
+            if isinstance(field.default, int) and type(getattr(self, field.name)) is not int:
+                raise ValueError(f"{field.name} {getattr(self, field.name)} must be a whole number")
+        if self.step not in (1, 2, 4):
+            raise ValueError(f"step {self.step} must be 1, 2 or 4")
+        for name in ("roughness_levels", "metallic_levels"):
+            if not 2 <= getattr(self, name) <= MOST_LEVELS:
+                raise ValueError(f"{name} {getattr(self, name)} must be in 2 .. {MOST_LEVELS}")
+        for name in ("radius", "least_views", "independent", "passes"):
+            if getattr(self, name) < (name != "radius"):
+                raise ValueError(f"{name} {getattr(self, name)} is too small")
+        for name in ("relative", "floor", "freedom", "temper", "window", "chroma", "pattern", "intensity", "turn"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} {getattr(self, name)} must be above 0")
 
 
-def metallic_levels() -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """`METALLIC` as an array [M]."""
-    return np.array(METALLIC)
+Levels = np.ndarray[tuple[int], np.dtype[np.float64]]
+
+
+def roughness_levels(settings: EvidenceSettings) -> Levels:
+    """Candidates [R]: `ROUGHNESS`, or as many as are asked for, between its values in equal steps of its index."""
+    place = np.linspace(0, len(ROUGHNESS) - 1, settings.roughness_levels)
+    return np.interp(place, np.arange(len(ROUGHNESS)), ROUGHNESS)
+
+
+def metallic_levels(settings: EvidenceSettings) -> Levels:
+    """Candidates [M] from 0 to 1; by default `METALLIC`."""
+    return np.linspace(0.0, 1.0, settings.metallic_levels)

@@ -7,7 +7,6 @@ from typing import Any
 
 from yesnt.capture.files import camera_files
 from yesnt.core.shot import Shot
-from yesnt.decompose.evidence.settings import EvidenceSettings
 from yesnt.io.cameras import calibration_roles
 from yesnt.io.records import SharedSettings
 from yesnt.planning import settings as of
@@ -23,6 +22,9 @@ READS = (
     "brdf", "diffuse", "capture_texels", "capture_clusters", "rows", "detail", "rays", "error", "offset",
 )  # fmt: skip
 """Settings of relighting that the responses of the capture light depend on."""
+
+CARRY_READS = ("least_views",)
+"""Settings of the evidence that a frame depends on which takes another's materials."""
 
 
 def evidence_nodes(plan: ShotPlan, graph: Graph) -> Iterator[Node]:
@@ -59,7 +61,7 @@ def _settings(plan: ShotPlan, frame: int) -> SharedSettings:
     capture = shot.capture_light.at(frame) if shot.capture_light else None
     assert shot.captured is not None
     return shared(
-        evidence=changed_fields(EvidenceSettings()),
+        evidence=changed_fields(of.evidence_settings(shot)),
         relight=_read(shot),
         capture=changed_keys(capture, {"path"}) if capture else None,
         pictures=changed_keys(shot.captured, {"cameras", "images", "mattes"}),
@@ -80,6 +82,8 @@ def _carried_node(plan: ShotPlan, graph: Graph, frame: int, keyframe: int) -> No
     way = job.frames[job.position(frame) : job.position(keyframe)]
     needs = [graph.committer(DECOMPOSE, frame), graph.committer(EVIDENCE, keyframe)]
     needs += [graph.committer(FLOW, one) for one in way]
-    settings = shared(**plan.plate_settings)
+    weighed = changed_fields(of.evidence_settings(job.shot))
+    reads = {name: value for name, value in weighed.items() if name in CARRY_READS}
+    settings = shared(evidence=reads, **plan.plate_settings)
     fields = node_fields(plan, EVIDENCE, settings, node_keys(needs), inputs=plan.plate_inputs(frame))
     return frame_node(plan, EVIDENCE, frame, fields, CarryEvidenceTask(keyframe), needs)

@@ -155,7 +155,7 @@ def _accepting(shot: Shot, licences: tuple[str, ...]) -> Shot:
 def _check_knobs(shot: Shot) -> None:
     checks: tuple[Callable[[Shot], object], ...] = (
         of.ensemble_settings, of.backend_knobs, of.flow_settings, of.energy_params, of.relight_settings,
-        of.mesh_settings, of.fit_settings,
+        of.mesh_settings, of.fit_settings, of.evidence_settings,
     )  # fmt: skip
     for check in checks:
         check(shot)

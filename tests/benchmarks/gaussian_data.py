@@ -102,9 +102,9 @@ def measure(state: FitState, moment: Moment) -> dict[str, float]:
         errors.append((np.clip(seen.color, 0, 1) - target.color)[target.matte > INSIDE] ** 2)
         unit = normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-9)
         angles.append(np.degrees(np.arccos(np.clip((seen.normal * unit).sum(-1)[inside], -1, 1))))
-        hit = inside & (seen.median_z > 0)
-        depths.append(100 * (seen.median_z - z)[hit] / state.height)
-        holes.append((seen.median_z == 0)[inside])
+        hit = inside & (seen.surface_z > 0)
+        depths.append(100 * (seen.surface_z - z)[hit] / state.height)
+        holes.append((seen.surface_z == 0)[inside])
     angles, depths = np.concatenate(angles), np.concatenate(depths)
     return {
         "psnr": float(-10 * np.log10(np.concatenate(errors).mean())),

@@ -14,13 +14,14 @@ from yesnt.core.distortion import Distortion
 from yesnt.core.errors import JobError
 from yesnt.gaussians.field import GaussianField
 from yesnt.gaussians.harmonics import basis
+from yesnt.gaussians.opacity import ellipsoids, opacity_reference
 from yesnt.gaussians.rasterise import arrays_of, backpropagate, pinhole_of, rasterise
-from yesnt.gaussians.records import View
+from yesnt.gaussians.records import SURFACE, RenderSettings, View
 from yesnt.gaussians.reference import render_reference
 from yesnt.gaussians.render import render
 
 VIEW = view_at((2, -1, 0.7), (45, 37), 40.0)
-IMAGES = ("color", "alpha", "normal", "median_z", "mean_z", "distortion")
+IMAGES = ("color", "alpha", "normal", "median_z", "mean_z", "surface_z", "distortion")
 
 
 def pixel(field: GaussianField, eye: tuple[float, float, float] = (2, 0, 0)):
@@ -54,6 +55,29 @@ def test_of_two_gaussians_the_nearer_one_covers_the_farther_one_in_either_order(
         assert np.allclose(alpha, 0.6 + 0.4 * 0.9, rtol=1e-4)
         assert np.allclose(median_z, 1.5, rtol=1e-4)
         assert np.allclose(mean_z, (0.6 * 1.5 + 0.36 * 2.5) / 0.96, rtol=1e-4)
+
+
+def test_the_surface_lies_where_the_opacity_along_the_ray_reaches_the_level() -> None:
+    """One Gaussian of opacity o reaches the level a at s sqrt(2 ln(o / a)) before its centre."""
+    for level, opacity, size in ((0.3, 0.8, 0.1), (0.5, 0.9, 0.02), (0.79, 0.8, 0.2)):
+        seen = render(
+            one_gaussian((size,) * 3, opacity), camera_at((2, 0, 0), (9, 9), 60.0), settings=RenderSettings(level=level)
+        )
+        assert seen.surface_z[4, 4] == pytest.approx(2 - size * np.sqrt(2 * np.log(opacity / level)), abs=1e-4)
+    never = render(one_gaussian((0.1,) * 3, 0.2), camera_at((2, 0, 0), (9, 9), 60.0))
+    assert never.alpha.max() > 0.19
+    assert never.surface_z.max() == 0
+
+
+def test_the_surface_of_a_view_is_the_level_set_of_the_mesh() -> None:
+    """At points of the depth image the opacity that the mesh is made of, seen from this camera, is the level."""
+    field = random_field(60, seed=4)
+    seen = render(field, VIEW)
+    v, u = np.nonzero(seen.surface_z)
+    points = VIEW.position + seen.surface_z[v, u, None].astype(float) * (VIEW.rays()[v, u] @ VIEW.rotation)
+    found = opacity_reference(points, ellipsoids(field), VIEW.position)
+    assert len(found) > 200
+    assert np.quantile(np.abs(found - SURFACE), 0.98) < 5e-3
 
 
 def test_a_flat_disc_shows_its_own_normal_from_every_side() -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from yesnt.gaussians.records import SURFACE
+
 
 @dataclass(frozen=True)
 class MeshSettings:
@@ -19,7 +21,7 @@ class MeshSettings:
         triangles: at most.
     """
 
-    level: float = 0.5
+    level: float = SURFACE
     box: float = 3.0
     bisections: int = 8
     least_opacity: float = 0.05

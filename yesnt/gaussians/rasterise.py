@@ -24,10 +24,12 @@ class Raster:
     """The result of a forward pass and what the backward pass needs.
 
     Attributes:
+        gaussians: as rendered.
         images: [12, H, W] (composite.py: CHANNELS), a view of whole tiles.
         accumulated: the same over whole tiles.
     """
 
+    gaussians: GaussianArrays
     images: F32
     accumulated: Accumulated
     projected: Projected
@@ -68,7 +70,7 @@ def rasterise(gaussians: GaussianArrays, pinhole: Pinhole) -> Raster:
         np.empty((CHANNELS, rows * TILE, columns * TILE), np.float32), np.empty((rows * TILE, columns * TILE), np.int32)
     )
     over_ranges(rows * columns, lambda first, last: composite_tiles(first, last, projected, lists, pinhole, out))
-    return Raster(out.images[:, : pinhole.height, : pinhole.width], out, projected, lists, pinhole)
+    return Raster(gaussians, out.images[:, : pinhole.height, : pinhole.width], out, projected, lists, pinhole)
 
 
 def backpropagate(gaussians: GaussianArrays, raster: Raster, gradient: F32) -> FieldGradient:

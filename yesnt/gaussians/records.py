@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 from yesnt.core.camera import Camera
 from yesnt.core.errors import JobError
 
+SURFACE = 0.3
+"""Opacity at the surface of a field, of which the depth of a view is the depth."""
+
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
@@ -79,9 +82,11 @@ class RenderSettings:
 
     Attributes:
         near: planar z in metres; what lies nearer is skipped.
+        level: opacity at the surface, in (0, 1); measured in docs/gaussians.md.
     """
 
     near: float = 0.05
+    level: float = SURFACE
 
 
 @dataclass(frozen=True)
@@ -94,6 +99,8 @@ class RenderedView:
         normal: [H, W, 3] unit normals in world axes, towards the camera; 0 where nothing is.
         median_z: [H, W] planar depth at which half the light is absorbed, metres; 0 on a miss (alpha of 0.5 or less).
         mean_z: [H, W] mean planar depth weighted by absorption, metres; 0 where nothing is.
+        surface_z: [H, W] planar depth at which the opacity along the ray reaches the level of the settings, metres; 0
+            on a miss.
         distortion: [H, W] sum over pairs of Gaussians of their weights and squared distance in z, m^2.
     """
 
@@ -102,4 +109,5 @@ class RenderedView:
     normal: F32
     median_z: F32
     mean_z: F32
+    surface_z: F32
     distortion: F32

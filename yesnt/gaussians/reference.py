@@ -105,13 +105,43 @@ def composite(field: GaussianField, view: View, near: float) -> Sums:
 
 def render_reference(field: GaussianField, view: View, settings: RenderSettings | None = None) -> RenderedView:
     """The images of a view (`RenderedView`), without tiles and in float64."""
-    sums = composite(field, view, (settings or RenderSettings()).near)
+    settings = settings or RenderSettings()
+    sums = composite(field, view, settings.near)
     covered = sums.alpha > 0
     safe = np.where(covered, sums.alpha, 1)
     world = sums.normal @ view.rotation
     length = np.linalg.norm(world, axis=-1, keepdims=True)
     images = (
         sums.color, sums.alpha, world / np.where(length > 0, length, 1), sums.median_z,
-        np.where(covered, sums.z / safe, 0), np.maximum(sums.alpha * sums.z_squared - sums.z**2, 0),
+        np.where(covered, sums.z / safe, 0), surface_z(field, view, settings),
+        np.maximum(sums.alpha * sums.z_squared - sums.z**2, 0),
     )  # fmt: skip
     return RenderedView(*(np.asarray(image, np.float32) for image in images))
+
+
+def surface_z(field: GaussianField, view: View, settings: RenderSettings) -> F64:
+    """Planar depth [H, W] at which 1 - prod(1 - alpha(t)) reaches the level of the settings; 0 where it never does.
+
+    A Gaussian with opacity o, distance q from the ray and precision A along it has
+    alpha(t) = o exp(-(q + A max(t* - t, 0)^2) / 2).
+    """
+    rays, (order, centers) = view.rays(), depth_order(field, view, settings.near)
+    axes = view.rotation @ field.axes
+    precisions = np.einsum("nij,nj,nkj->nik", axes, 1 / field.variances, axes)
+    nearest = [ray_maximum(rays, centers[i], precisions[i]) for i in order]
+    along = [np.einsum("...i,ij,...j->...", rays, precisions[i], rays) for i in order]
+
+    def opacity(t: F64) -> F64:
+        through = np.ones(t.shape)
+        for i, (peak, response), a in zip(order, nearest, along, strict=True):
+            alpha = field.opacities[i] * response * np.exp(-0.5 * a * np.maximum(peak - t, 0) ** 2)
+            through *= 1 - np.where((alpha < ALPHA_MIN) | (peak < settings.near), 0, np.minimum(alpha, ALPHA_MAX))
+        return 1 - through
+
+    far = np.max([peak for peak, _ in nearest], axis=0, initial=settings.near) * np.ones(rays.shape[:2])
+    near, reached = np.zeros_like(far), opacity(far) >= settings.level
+    for _ in range(48):
+        middle = 0.5 * (near + far)
+        short = opacity(middle) < settings.level
+        near, far = np.where(short, middle, near), np.where(short, far, middle)
+    return np.where(reached, far, 0)

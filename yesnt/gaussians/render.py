@@ -8,7 +8,7 @@ import numpy as np
 
 from yesnt.core.camera import Camera
 from yesnt.gaussians.field import GaussianField
-from yesnt.gaussians.records import RenderedView, RenderSettings, View
+from yesnt.gaussians.records import SURFACE, RenderedView, RenderSettings, View
 
 if TYPE_CHECKING:
     from yesnt.gaussians.rasterise import Raster
@@ -25,7 +25,7 @@ def render(
         field: the Gaussians.
         camera: a camera, or a pinhole view of it (`View.window` renders a part of a picture).
         frame: frame of the camera; None takes the only or the first pose.
-        settings: near plane.
+        settings: near plane and level of the surface.
 
     Raises:
         JobError: the camera's lens distorts, or it has no pose for the frame.
@@ -34,12 +34,15 @@ def render(
 
     view = camera if isinstance(camera, View) else View.of(camera, frame)
     middle = field.positions.mean(axis=0, dtype=np.float64) if field.count else np.zeros(3)
-    raster = rasterise(arrays_of(field), pinhole_of(view, middle, (settings or RenderSettings()).near))
-    return rendered_view(raster, view)
+    settings = settings or RenderSettings()
+    raster = rasterise(arrays_of(field), pinhole_of(view, middle, settings.near))
+    return rendered_view(raster, view, settings.level)
 
 
-def rendered_view(raster: Raster, view: View) -> RenderedView:
+def rendered_view(raster: Raster, view: View, level: float = SURFACE) -> RenderedView:
     """The images of a forward pass for a user: associated colour, unit normals in the world, depths in metres."""
+    from yesnt.gaussians.surface_depth import surface_depth
+
     color, normal, alpha, depth, square, median = np.split(raster.images[:10], [3, 6, 7, 8, 9])
     covered = alpha > 0
     world = np.moveaxis(normal, 0, -1) @ view.rotation.astype(np.float32)
@@ -51,5 +54,6 @@ def rendered_view(raster: Raster, view: View) -> RenderedView:
         np.asarray(world / np.where(length > 0, length, 1), np.float32),
         median[0].copy(),
         np.where(covered, mean, np.float32(0))[0],
+        surface_depth(raster.gaussians, raster.projected, raster.lists, raster.pinhole, level),
         np.maximum(alpha * square - depth * depth, 0)[0],
     )

@@ -85,13 +85,13 @@ _ROWS = (
         files=("Gaussian field (PLY)",), optional=True,
     ),
     Stage(
-        "mesh", 1, "frame", "Gaussian field, cameras of the capture (only jobs with Gaussians and no proxy)",
+        "mesh", 2, "frame", "Gaussian field, cameras of the capture (only jobs with Gaussians and no proxy)",
         Cost(30.0, 0.0, 900, 0, 10), "#8c6d31",
         {records.MeshTask: "yesnt.tasks.gaussians:extract_proxy"},
         files=("proxy mesh (PLY, GLB)",), optional=True,
     ),
     Stage(
-        "view", 1, "frame", "Gaussian field, camera (only jobs with Gaussians and no plate or G-buffer)",
+        "view", 2, "frame", "Gaussian field, camera (only jobs with Gaussians and no plate or G-buffer)",
         Cost(0.5, 2.0, 500, 200, 20), "#c7a252",
         {records.ViewTask: "yesnt.tasks.gaussians:render_view"},
         files=("plate and G-buffer (EXR)",), optional=True,

@@ -50,7 +50,9 @@ def _row(session: Session, told: dict[str, Any]) -> NDArray[np.float32]:
 
     drawn = cv2.imread(str(picture_path(session.output.run, told["frame"])))
     assert drawn is not None, "written in one piece"
-    view = View(**{name: np.asarray(v) if isinstance(v, list) else v for name, v in told["view"].items()})
+    kept: dict[str, Any] = told["view"]
+    turn, place = np.array(kept.pop("rotation")), np.array(kept.pop("position"))
+    view = View(turn, place, **kept)
     mesh = frame_path(session.output.root, PROXY, told["frame"])
     proxy = _proxy_normals(read_mesh(mesh), view) if mesh.is_file() else np.zeros((view.height, view.width, 3))
     return np.concatenate([drawn[..., ::-1] / 255, proxy], axis=1).astype(np.float32)

@@ -67,7 +67,7 @@ def view_planes(field: GaussianField, camera: Camera, frame: int | None) -> dict
     if field.color_space == "srgb":
         color = srgb_decode(straighten(color, seen.alpha)) * seen.alpha[..., None]
     planes: dict[str, NDArray[np.floating]] = {c: color[..., i].astype(np.float32) for i, c in enumerate("RGB")}
-    planes |= {"A": seen.alpha, "depth.Z": seen.median_z}
+    planes |= {"A": seen.alpha, "depth.Z": seen.surface_z}
     return planes | {f"N.{c}": seen.normal[..., i] for i, c in enumerate("XYZ")}
 
 

@@ -1,4 +1,7 @@
-"""Runs the product's compositing script in Blender and writes what the compositor gives, a float EXR a frame."""
+"""Runs the product's compositing script in Blender and writes what the compositor gives, a float EXR a frame.
+
+The arguments are the factors of sun and rest, which the user would set, and the script.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +15,10 @@ script = Path(sys.argv[-1])
 bpy.ops.wm.read_factory_settings(use_empty=True)
 runpy.run_path(str(script), run_name="__main__")
 scene = bpy.context.scene
+tree = scene.compositing_node_group if hasattr(scene, "compositing_node_group") else scene.node_tree
+for name, factor in zip(("sun", "rest"), sys.argv[-3:-1], strict=True):
+    for node in (node for node in tree.nodes if node.label == name):
+        node.outputs[0].default_value = float(factor)
 scene.camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
 scene.collection.objects.link(scene.camera)
 scene.render.engine, scene.cycles.samples = "CYCLES", 1

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tests.nuke_script import Nuke
 from yesnt.capture_stage.tools import find_tools, run_script
 from yesnt.core.errors import MissingPartError
 from yesnt.io.compositing.blender import blender_script
@@ -20,12 +19,22 @@ from yesnt.scene.composite import Behind, into_set
 
 F32 = NDArray[np.float32]
 SIZE = (12, 8)
-LONG = {"R": "red", "G": "green", "B": "blue", "A": "alpha"}
 
 
-def sequence(front: bool = True) -> LayerSequence:
+def sequence(front: bool = True, **parts: bool) -> LayerSequence:
     """Two frames of a sequence of SIZE."""
-    return LayerSequence("walk", (1001, 1002), SIZE, 1.0, front)
+    return LayerSequence("walk", (1001, 1002), SIZE, 1.0, front, **parts)
+
+
+def groups(seed: int, composite: F32) -> dict[str, F32]:
+    """The composite [H, W, 4] and the light groups that it is the sum of, as channels of a delivered EXR."""
+    sun = composite[..., :3] * np.random.default_rng(seed + 9).uniform(0, 1, composite.shape[:2])[..., None]
+    planes = {"light_sun": sun, "light_rest": composite[..., :3] - sun, "": composite}
+    return {
+        f"{name}.{c}".lstrip("."): np.ascontiguousarray(plane[..., i], np.float32)
+        for name, plane in planes.items()
+        for i, c in enumerate("RGBA"[: plane.shape[-1]])
+    }
 
 
 def layers(seed: int = 0, before: bool = True) -> tuple[dict[str, F32], F32]:
@@ -50,60 +59,6 @@ def layers(seed: int = 0, before: bool = True) -> tuple[dict[str, F32], F32]:
     )
 
 
-class Nuke:
-    """Evaluates the few nodes that the script uses, as Nuke's reference guide describes them."""
-
-    def __init__(self, channels: Mapping[str, F32]) -> None:
-        self._file = {re.sub(r"\.([RGBA])$", lambda m: f".{LONG[m[1]]}", name): p for name, p in channels.items()}
-        self._file |= {LONG[name]: plane for name, plane in channels.items() if name in LONG}
-        self._stack: list[dict[str, F32]] = []
-        self._named: dict[str, dict[str, F32]] = {}
-        self.reads: list[str] = []
-
-    def run(self, script: str) -> F32:
-        for kind, body, name, pushed in re.findall(
-            r"^(\w+) \{\n(.*?)^\}$|^set (\w+) \[stack 0\]$|^push \$(\w+)$", script, re.M | re.S
-        ):
-            if name:
-                self._named[name] = self._stack[-1]
-            elif pushed:
-                self._stack.append(self._named[pushed])
-            elif kind != "Root":
-                knobs = dict(re.findall(r"^ (\w+) (.*)$", body, re.M))
-                self._stack.append(getattr(self, f"_{kind.lower()}")(knobs))
-        result = self._stack.pop()
-        return np.stack([result[c] for c in LONG.values()], axis=-1)
-
-    def _read(self, knobs: Mapping[str, str]) -> dict[str, F32]:
-        self.reads.append(knobs["file"])
-        assert knobs["raw"] == "true"  # the layers are scene-linear: no conversion
-        return self._file
-
-    def _expression(self, knobs: Mapping[str, str]) -> dict[str, F32]:
-        given = self._stack.pop()
-        out = dict(given)
-        for i, channel in enumerate(LONG.values()):
-            text = knobs[f"expr{i}"].strip('"')
-            names = sorted(set(re.findall(r"[a-z_]+(?:\.\w+)?", text)) - {"max"}, key=len, reverse=True)
-            for k, name in enumerate(names):
-                text = re.sub(rf"(?<![\w.]){re.escape(name)}(?![\w.])", f"v[{k}]", text)
-            values = [given[name] for name in names]
-            out[channel] = np.broadcast_to(eval(text, {"max": np.maximum, "v": values}), SIZE[::-1])
-        return out
-
-    def _merge2(self, knobs: Mapping[str, str]) -> dict[str, F32]:
-        """Input 0, B, is the last that was pushed; merges act on red, green, blue and alpha."""
-        b, a = self._stack.pop(), self._stack.pop()
-        cover = a["alpha"]
-        operation: dict[str, Callable[[F32, F32], F32]] = {
-            "multiply": lambda a, b: a * b,
-            "plus": lambda a, b: a + b,
-            "over": lambda a, b: a + b * (1 - cover),
-            "stencil": lambda a, b: b * (1 - cover),
-        }
-        return {**b, **{c: operation[knobs["operation"]](a[c], b[c]) for c in LONG.values()}}
-
-
 @pytest.mark.parametrize("front", [True, False])
 def test_nuke_makes_the_same_composite(front: bool) -> None:
     channels, composite = layers(before=front)
@@ -111,6 +66,20 @@ def test_nuke_makes_the_same_composite(front: bool) -> None:
     found = nuke.run(nuke_script(sequence(front)))
     np.testing.assert_allclose(found, composite, rtol=1e-5, atol=1e-5)
     assert nuke.reads == ['"\\[file dirname \\[value root.name]]/walk.####.exr"']
+
+
+@pytest.mark.parametrize("of_set", [True, False])
+def test_nuke_rebalances_light_groups(of_set: bool) -> None:
+    channels, composite = layers(before=False)
+    held = groups(0, composite)
+    script = nuke_script(sequence(front=False, set=of_set, groups=True))
+    found = Nuke(channels | held).run(script)
+    np.testing.assert_allclose(found, composite, rtol=1e-5, atol=1e-5)
+    more = Nuke(channels | held, {"sun": 3.0, "rest": 0.5}).run(script)
+    for i, c in enumerate("RGB"):
+        expected = 3 * held[f"light_sun.{c}"] + 0.5 * held[f"light_rest.{c}"]
+        np.testing.assert_allclose(more[..., i], expected, rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(more[..., 3], composite[..., 3], rtol=1e-5)
 
 
 def test_nukes_script_names_frames_and_size() -> None:
@@ -123,25 +92,54 @@ def test_nukes_script_names_frames_and_size() -> None:
 def test_blenders_script_is_python_of_its_own() -> None:
     text = blender_script(LayerSequence("it's", (1, 2), (4, 3), 1.5, False))
     compile(text, "layers.py", "exec")
-    assert 'NAME = "it\'s"\nFRAMES = (1, 2)\nSIZE = (4, 3)\nASPECT = 1.5\nFRONT = False\n' in text
+    assert (
+        'NAME = "it\'s"\nFRAMES = (1, 2)\nSIZE = (4, 3)\nASPECT = 1.5\nFRONT = False\nSET = True\nGROUPS = False\n'
+        in text
+    )
 
 
 @pytest.mark.blender
 @pytest.mark.parametrize("front", [True, False])
 def test_blender_makes_the_same_composite(tmp_path: Path, front: bool) -> None:
     """Each frame has its own pixels, so that a compositor that shows another frame is noticed."""
-    try:
-        tools = find_tools(tmp_path)
-    except MissingPartError as error:
-        pytest.skip(str(error))
     expected = {}
     for frame in (1001, 1002):
         channels, expected[frame] = layers(frame, front)
         write_exr(tmp_path / f"walk.{frame}.exr", channels)
-    script = tmp_path / "walk_layers.py"
-    script.write_text(blender_script(sequence(front)))
-    run_script(tools, Path(__file__).with_name("composite_in_blender.py"), [str(script)], 300.0)
-    for frame, composite in expected.items():
-        planes = read_planes(tmp_path / f"composited.{frame}.exr")
-        found = np.stack([planes[c] for c in "RGBA"], axis=-1)
-        np.testing.assert_allclose(found, composite, rtol=1e-4, atol=1e-4)
+    for frame, found in blender_composites(tmp_path, sequence(front)).items():
+        np.testing.assert_allclose(found, expected[frame], rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.blender
+@pytest.mark.parametrize("of_set", [True, False])
+@pytest.mark.parametrize("factors", [(1.0, 1.0), (3.0, 0.5)])
+def test_blender_rebalances_light_groups(tmp_path: Path, of_set: bool, factors: tuple[float, float]) -> None:
+    expected = {}
+    for frame in (1001, 1002):
+        channels, composite = layers(frame, before=False)
+        held = groups(frame, composite)
+        sun, rest = (np.stack([held[f"{n}.{c}"] for c in "RGB"], -1) for n in ("light_sun", "light_rest"))
+        expected[frame] = np.concatenate([factors[0] * sun + factors[1] * rest, composite[..., 3:]], -1)
+        write_exr(tmp_path / f"walk.{frame}.exr", channels | held)
+    script = sequence(front=False, set=of_set, groups=True)
+    for frame, found in blender_composites(tmp_path, script, factors).items():
+        np.testing.assert_allclose(found, expected[frame], rtol=1e-4, atol=1e-4)
+
+
+def blender_composites(
+    folder: Path, of: LayerSequence, factors: tuple[float, float] = (1.0, 1.0)
+) -> dict[int, NDArray[np.float32]]:
+    """What the compositor of the product's script shows in each frame, with factors of sun and rest."""
+    try:
+        tools = find_tools(folder)
+    except MissingPartError as error:
+        pytest.skip(str(error))
+    script = folder / "walk_layers.py"
+    script.write_text(blender_script(of))
+    arguments = [*map(str, factors), str(script)]
+    run_script(tools, Path(__file__).with_name("composite_in_blender.py"), arguments, 300.0)
+    found = {}
+    for frame in (1001, 1002):
+        planes = read_planes(folder / f"composited.{frame}.exr")
+        found[frame] = np.stack([planes[c] for c in "RGBA"], axis=-1)
+    return found

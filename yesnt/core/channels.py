@@ -71,15 +71,20 @@ _ALL = (
     Channel("diffuse", 3, "float32", "radiance", "working space", 0.0, None, _rgb("diffuse"), associated=True),
     Channel("specular", 3, "float32", "radiance", "working space", 0.0, None, _rgb("specular"), associated=True),
     Channel("shadow", 1, "float32", "1", "", 0.0, 1.0, ("shadow.Y",)),
+    Channel("sun_diffuse", 3, "float32", "radiance", "working space", 0.0, None),
+    Channel("sun_specular", 3, "float32", "radiance", "working space", 0.0, None),
     Channel("set_open", 3, "float32", "radiance", "working space", 0.0, None),
     Channel("set_ratio", 3, "float32", "1", "working space", 0.0, 1.0),
     Channel("set_added", 3, "float32", "radiance", "working space", None, None),
+    Channel("set_sun", 3, "float32", "radiance", "working space", 0.0, None),
     Channel("shadow_set", 1, "float32", "1", "", 0.0, 1.0, ("shadow_set.Y",)),
     Channel("reflection_set", 3, "float32", "radiance", "working space", None, None, _rgb("reflection_set")),
     Channel("env", 3, "float32", "radiance", "working space", None, None, _rgb("env")),
     Channel("holdout", 1, "float32", "1", "", 0.0, 1.0, ("holdout.Y",)),
     Channel("front", 3, "float32", "radiance", "working space", 0.0, None, _rgb("front"), associated=True),
     Channel("composite", 4, "float32", "radiance", "working space", 0.0, None, ("R", "G", "B", "A"), associated=True),
+    Channel("light_sun", 3, "float32", "radiance", "working space", None, None, _rgb("light_sun"), associated=True),
+    Channel("light_rest", 3, "float32", "radiance", "working space", None, None, _rgb("light_rest"), associated=True),
     Channel("relit", 4, "float32", "radiance", "working space", 0.0, None,
             ("relit.R", "relit.G", "relit.B", "relit.A"), associated=True),
     Channel("normal", 3, "float32", "1", "world", -1.0, 1.0, ("N.X", "N.Y", "N.Z")),
@@ -107,13 +112,19 @@ STORED = (
     "diffuse",
     "specular",
     "shadow",
+    "sun_diffuse",
+    "sun_specular",
     "set_open",
     "set_ratio",
     "set_added",
+    "set_sun",
     "holdout",
     "front",
 )
 """Channels that live in the frame store."""
+
+OF_THE_SUN = ("sun_diffuse", "sun_specular", "set_sun")
+"""Channels that live there only where the job asks for light groups: light of the map's sun alone."""
 
 DELIVERED = ("composite", "relit", "diffuse", "specular", "shadow", "material", "spread", "normal", "z")
 """Channels that the output EXR carries, in file order."""
@@ -124,5 +135,5 @@ MEASURED = ("views",)
 SET_LAYERS = ("shadow_set", "reflection_set", "env", "holdout", "front")
 """Channels that it carries after these where the job has a set."""
 
-ON_REQUEST = ("base_color",)
+ON_REQUEST = ("base_color", "light_sun", "light_rest")
 """Channels that it carries after these where `exr.layers` names them."""

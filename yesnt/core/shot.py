@@ -234,7 +234,7 @@ class ExrOutput(Part):
     """How the EXR sequence is written; `layers` are delivered beside those that every file holds."""
 
     compression: Literal["none", "rle", "zips", "zip", "piz"] = "zip"
-    layers: Annotated[tuple[Literal["base_color"], ...], Field(strict=False)] = ()
+    layers: Annotated[tuple[Literal["base_color", "light_sun", "light_rest"], ...], Field(strict=False)] = ()
 
 
 class Shot(Part):
@@ -283,6 +283,11 @@ class Shot(Part):
         return None if self.set is None or self.set.blend is not None else self.set
 
     @property
+    def light_groups(self) -> tuple[str, ...]:
+        """Layers that hold the composite under a part of the light, if the job asks for them."""
+        return tuple(name for name in ("light_sun", "light_rest") if name in self.exr.layers)
+
+    @property
     def scene(self) -> str | None:
         """Path of the scene that is the set; None if there is none."""
         return None if self.set is None else self.set.blend
@@ -305,6 +310,15 @@ class Shot(Part):
         refuse_unusable_set(self.set, self.proxy is not None, self.background is not None, shadows)
         if self.light.set and self.scene is None:
             raise ValueError("`light: set` is baked from a scene; name it as `set: {blend: scene.blend}`")
+        return self
+
+    @model_validator(mode="after")
+    def _divisible(self) -> Self:
+        if self.light_groups and self.scene is not None:
+            raise ValueError(
+                f"`exr.layers: [{', '.join(self.light_groups)}]` need a light of the job alone; the lamps of a scene "
+                "of Blender are not told apart. Remove these layers, or use light groups of Blender itself"
+            )
         return self
 
     @model_validator(mode="after")

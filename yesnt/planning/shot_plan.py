@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Any
 
 from yesnt.core.blocks import Chunks
+from yesnt.core.channels import OF_THE_SUN
 from yesnt.core.shot import Job
 from yesnt.core.stage_id import StageId
 from yesnt.decompose.identity import BackendIdentity
@@ -115,6 +116,8 @@ class ShotPlan:
         for row in filter(self._runs, STAGES.values()):
             lanes = self.lanes if row.in_lanes else (StageId(row.name),)
             arrays |= {stage.array(channel): channel for stage in lanes for channel in row.channels}
+        if not self.job.shot.light_groups:
+            arrays = {name: form for name, form in arrays.items() if form not in OF_THE_SUN}
         return arrays | self.exchange.arrays()
 
     @cached_property

@@ -166,7 +166,7 @@ _ROWS = (
         "relight", 9, "frame", "plate, G-buffer, proxy, material, light; the ground and the set's mesh",
         Cost(0.2, 12.0, 500, 400, 8, scheduler_seconds=5), "#edae49",
         {records.RelightTask: "yesnt.tasks.relight:relight"},
-        channels=("base_color", "diffuse", "specular", "shadow"),
+        channels=("base_color", "diffuse", "specular", "shadow", "sun_diffuse", "sun_specular"),
     ),
     Stage(
         "set", 1, "frame", "base_color, diffuse, specular, material, matte, G-buffer, proxy, light, ground or scene "
@@ -176,7 +176,7 @@ _ROWS = (
             records.SetTask: "yesnt.tasks.set_stage:light_the_set",
             records.SceneTask: "yesnt.tasks.scene:render_scene",
         },
-        channels=("set_open", "set_ratio", "set_added", "holdout", "front"), optional=True,
+        channels=("set_open", "set_ratio", "set_added", "set_sun", "holdout", "front"), optional=True,
     ),
     Stage(
         "composite", 3, "frame", "diffuse, specular, background or what the set shows",
@@ -211,7 +211,7 @@ FORMER_ARRAYS = ("evaluations",)
 ) = map(StageId, STAGES)  # fmt: skip
 
 COMPOSITING = StageId("composite", part="scripts")
-"""Scripts for other programs beside the EXR sequence, of jobs with a set."""
+"""Scripts for other programs beside the EXR sequence, of jobs with a set or both light groups."""
 
 SEGMENT = StageId("preview", part="segment")
 """Segments of the preview video."""

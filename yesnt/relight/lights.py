@@ -5,7 +5,8 @@ Source: docs/method.md section 5 (one visibility per light cluster); docs/religh
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +62,22 @@ class Clusters:
         return apart.argmin(axis=1).astype(np.int32)
 
 
+class LightGrid(NamedTuple):
+    """How a map is cut: boxes of cells of a lat-long grid.
+
+    Attributes:
+        size: rows and columns of the grid.
+        coarse: boxes of the coarse clusters.
+        groups: boxes of the texels of level 0, per cluster.
+        hulls: box of each cluster.
+    """
+
+    size: tuple[int, int]
+    coarse: list[Box]
+    groups: list[list[Box]]
+    hulls: list[Box]
+
+
 @dataclass(frozen=True, eq=False)
 class PreparedLight:
     """A map as the kernels read it, with C clusters.
@@ -76,7 +93,9 @@ class PreparedLight:
             then half of the inverse of each one's root, 0 where there is none. [8, 0] of fewer than EVEN clusters.
         detail: largest angular size of a texel over the width of the lobe there.
         env: the map.
+        grid: how the map is cut.
         shadow_error: predicted display error of one visibility per cluster (relight/predict.py).
+        whole: of a part of a light (`part_of`), the light; None: it is a whole light itself.
     """
 
     texels: Texels
@@ -87,7 +106,14 @@ class PreparedLight:
     edge: F32
     detail: float
     env: EnvMap
+    grid: LightGrid
     shadow_error: float = 0.0
+    whole: PreparedLight | None = None
+
+    @property
+    def undivided(self) -> PreparedLight:
+        """The light that decides how finely and where light is looked for: parts of it sum up only if they agree."""
+        return self if self.whole is None else self.whole
 
 
 def prepare_light(
@@ -114,7 +140,8 @@ def prepare_light(
         error: display error that fewer clusters may cost by prediction; 0 makes all clusters.
     """
     height, width = env.radiance.shape[:2]
-    moments = cell_moments(env, (min(rows, max(height, least)), min(2 * rows, max(width, 2 * least))))
+    size = min(rows, max(height, least)), min(2 * rows, max(width, 2 * least))
+    moments = cell_moments(env, size)
     light = np.asarray(luminance(moments[..., :3]), dtype=np.float64)
     weights = importance(light, centroid(moments), moments[..., 6])
     clusters = clusters if error == 0 else enough_clusters(weights, moments, error, clusters)
@@ -128,11 +155,35 @@ def prepare_light(
         coarse=_clusters(moments, coarse, env),
         cone=_cones(cut),
         moment=_first_moments(cut),
-        edge=_edges(parts) if len(parts) >= EVEN else np.zeros((8, 0), dtype=np.float32),
+        edge=_edges(parts),
         detail=detail,
         env=env,
+        grid=LightGrid(size, coarse, groups, hulls),
         shadow_error=cluster_error(moments, hulls, light_radius(moments)),
     )
+
+
+def part_of(light: PreparedLight, env: EnvMap) -> PreparedLight:
+    """A part of a light, such as its sun: cut as the light is, seen in the same directions, with its own energy.
+
+    What parts give therefore sums up to what the light gives.
+
+    Args:
+        light: the whole light.
+        env: the part's map, of the size and rotation of the light's and nowhere brighter.
+    """
+    grid = light.grid
+    moments = cell_moments(env, grid.size)
+    own = assemble(cut_levels(moments, grid.groups, grid.hulls), env.world_from_map)
+    rows = light.texels.rows.copy()
+    rows[3:6] = own.rows[3:6]
+    texels = Texels(rows, light.texels.start, light.texels.size)
+    clusters = replace(light.clusters, energy=_clusters(moments, grid.hulls, env).energy)
+    coarse = replace(light.coarse, energy=_clusters(moments, grid.coarse, env).energy)
+    return replace(
+        light, texels=texels, clusters=clusters, coarse=coarse, moment=_first_moments(texels), edge=_edges(clusters),
+        env=env, whole=light,
+    )  # fmt: skip
 
 
 def _hull(boxes: list[Box]) -> Box:
@@ -181,6 +232,8 @@ def _first_moments(texels: Texels) -> F32:
 
 def _edges(clusters: Clusters) -> F32:
     """`PreparedLight.edge`: the variance of an even square along an axis is a third of its half width squared."""
+    if len(clusters) < EVEN:
+        return np.zeros((8, 0), dtype=np.float32)
     weight = np.concatenate([clusters.energy, clusters.solid_angle[None]]).astype(np.float64)
     half = weight * np.sqrt(1.5 * clusters.spread.astype(np.float64))
     over = np.where(half > 1e-30, 0.5 / np.sqrt(np.maximum(half, 1e-30)), 0.0)

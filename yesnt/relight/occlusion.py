@@ -169,7 +169,7 @@ def single_factor(
     It is the share of the energy of the brightest clusters that a march in the depth buffer finds unoccluded; 1 without
     a depth buffer or light. Source: docs/method.md section 5.
     """
-    clusters = light.clusters
+    clusters = light.undivided.clusters
     power = clusters.energy.sum(axis=0)
     if occluders.depth is None or not power.any():
         return np.ones((part.stop - part.start, 1), np.float32)

@@ -47,9 +47,9 @@ class LightSamples:
 @lru_cache(maxsize=4)
 def light_samples(light: PreparedLight) -> LightSamples:
     """Samples of a light; made once per light."""
-    rows = light.texels.level(0).astype(np.float64)
-    rows = rows[:, rows[6] > 0]
-    share = luminance(rows[3:6].T)
+    real = light.texels.level(0)[6] > 0
+    rows = light.texels.level(0)[:, real].astype(np.float64)
+    share = luminance(light.undivided.texels.level(0)[3:6, real].T.astype(np.float64))
     share = share / max(float(share.sum()), 1e-30)
     sides = np.ceil(np.sqrt(np.maximum(rows[6] / WIDEST, share / BRIGHTEST)))
     sides = np.clip(sides, 1, MOST).astype(np.int64)

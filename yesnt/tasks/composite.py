@@ -59,7 +59,8 @@ def composite(space: Workspace[CompositeTask]) -> None:
         planes["composite"] = planes["composite"].transpose(2, 0, 1)
         planes |= _set_layers(behind)
         planes |= {name: space.read(EVIDENCE, name, frame) for name in MEASURED if measured(space)}
-        planes |= {name: space.read(RELIGHT, name, frame) for name in _requested(job)}
+        planes |= {name: space.read(RELIGHT, name, frame) for name in _requested(job) if name == "base_color"}
+        planes |= _light_groups(space, planes["composite"], plate.matte)
         delivered, above = _exr_planes({name: _delivered_color(job, name, plane) for name, plane in planes.items()})
     path = space.output.exr_path(job.shot.name, frame)
     write_exr(path, delivered, _exr_attributes(space), job.shot.exr.compression)
@@ -80,6 +81,31 @@ def _behind(space: Workspace[CompositeTask]) -> Behind | None:
         picture = opaque(space.read(SET, "set_open", space.frame).transpose(1, 2, 0))
     front = space.read(SET, "front", space.frame).transpose(1, 2, 0) if given.blend is not None else None
     return Behind(picture, ratio, added, space.read(SET, "holdout", space.frame)[0], front)
+
+
+def _light_groups(space: Workspace[CompositeTask], composite: Float32, matte: Float32) -> dict[str, Float32]:
+    """The composite [4, H, W] as the sum of what the map's sun gives and the rest; empty if the job wants neither.
+
+    A plate behind the subject and light of the plate itself (flames) are lit by no map: they are in the rest.
+    """
+    from yesnt.scene.composite import Behind, associate, into_set, opaque, over
+
+    shot, frame = space.job.shot, space.frame
+    if not shot.light_groups:
+        return {}
+    lit = sum(space.read(RELIGHT, name, frame) for name in ("sun_diffuse", "sun_specular"))
+    relit = associate(np.asarray(lit).transpose(1, 2, 0), matte)
+    if shot.set is not None:
+        picture = opaque(space.read(SET, "set_sun", frame).transpose(1, 2, 0))
+        whole, nothing = np.ones_like(relit[..., :3]), np.zeros_like(relit[..., :3])
+        sun = into_set(relit, Behind(picture, whole, nothing, space.read(SET, "holdout", frame)[0]))
+    elif shot.background is not None:
+        sun = relit
+    else:
+        sun = over(relit, backdrop(LightFiles.of_task(space), space.camera(), sun=True))
+    by_sun = sun[..., :3].transpose(2, 0, 1)
+    groups = {"light_sun": by_sun, "light_rest": composite[:3] - by_sun}
+    return {name: groups[name] for name in shot.light_groups}
 
 
 def _set_layers(behind: Behind | None) -> dict[str, Float32]:

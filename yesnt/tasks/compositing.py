@@ -15,8 +15,11 @@ def write_scripts(space: Workspace[CompositingTask]) -> None:
     """Commits NAME.nk and NAME_layers.py."""
     job, folder = space.job, space.output.exr
     aspect = 1.0 if job.raster is None else float(job.raster.aspect)
-    name, frames = job.shot.name, (job.frames[0], job.frames[-1])
-    sequence = LayerSequence(name, frames, job.display_size, aspect, front=job.shot.scene is not None)
+    shot, name, frames = job.shot, job.shot.name, (job.frames[0], job.frames[-1])
+    sequence = LayerSequence(
+        name, frames, job.display_size, aspect, front=shot.scene is not None, set=shot.set is not None,
+        groups=len(shot.light_groups) == 2,
+    )  # fmt: skip
     texts = {folder / f"{name}.nk": nuke_script(sequence), folder / f"{name}_layers.py": blender_script(sequence)}
     folder.mkdir(parents=True, exist_ok=True)
     for path, text in texts.items():

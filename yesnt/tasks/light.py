@@ -29,6 +29,7 @@ from yesnt.tasks.inputs import prove_input
 
 if TYPE_CHECKING:
     from yesnt.relight import EnvMap, PreparedLight, RelightSettings, Surface
+    from yesnt.relight.sun import Sun
     from yesnt.scene.ground import Ground
     from yesnt.tasks.workspace import Workspace
 
@@ -122,22 +123,32 @@ def captured_light(files: LightFiles, surface: Surface, settings: RelightSetting
     return _prepared(_Known(files, spec, "capture"), settings, "capture", place)
 
 
-def backdrop(files: LightFiles, camera: Camera) -> NDArray[np.float32]:
-    """The light's map as the camera of the frame sees it: [H, W, 3]."""
+def light_of_the_sun(files: LightFiles, surface: Surface, settings: RelightSettings) -> PreparedLight | None:
+    """The part of `relighting_light` that its map's sun gives; None where it has no sun; cached in the worker."""
+    spec = files.job.shot.light
+    known, place = _Known(files, spec, "light"), _place_of(spec, surface)
+    if _sun(known).share == 0:
+        return None
+    return _prepared_sun(known, settings, place)
+
+
+def backdrop(files: LightFiles, camera: Camera, sun: bool = False) -> NDArray[np.float32]:
+    """The light's map as the camera of the frame sees it: [H, W, 3]; with `sun` its sun alone."""
     spec = files.job.shot.light
     eye = tuple(float(v) for v in camera.position(files.frame))
-    env = _seen(_Known(files, spec, "light"), None if spec.captured_at is None else eye)
+    known = _Known(files, spec, "light")
+    env = _seen(known, _chosen(known, sun), None if spec.captured_at is None else eye)
     return env.lookup(camera.rays(files.frame))
 
 
-def map_behind(files: LightFiles, camera: Camera, ground: Ground) -> NDArray[np.float32]:
-    """The light's map on a dome with a ground, as the camera of the frame sees it: [H, W, 3]."""
+def map_behind(files: LightFiles, camera: Camera, ground: Ground, sun: bool = False) -> NDArray[np.float32]:
+    """The light's map on a dome with a ground, as the camera of the frame sees it: [H, W, 3]; or its sun alone."""
     from yesnt.scene.dome import DISTANCE, EYE_HEIGHT, Dome
 
     spec = files.job.shot.light
     place = spec.captured_at or (*ground.centre, ground.height + EYE_HEIGHT)
     dome = Dome(place, min(ground.height, place[2] - 1e-3), spec.distance or DISTANCE)
-    return dome.picture(_map(_Known(files, spec, "light")), camera, files.frame)
+    return dome.picture(_chosen(_Known(files, spec, "light"), sun), camera, files.frame)
 
 
 class _Known:
@@ -211,9 +222,21 @@ def _map(known: _Known) -> EnvMap:
     return env
 
 
-def _seen(known: _Known, place: tuple[float, ...] | None) -> EnvMap:
-    """The map from a place; from where it was captured if that is None."""
-    env, spec = _map(known), known.spec
+@lru_cache(maxsize=2)
+def _sun(known: _Known) -> Sun:
+    from yesnt.relight.sun import find_sun
+
+    return find_sun(_map(known))
+
+
+def _chosen(known: _Known, sun: bool) -> EnvMap:
+    """The map, or its sun alone."""
+    return _sun(known).env if sun else _map(known)
+
+
+def _seen(known: _Known, env: EnvMap, place: tuple[float, ...] | None) -> EnvMap:
+    """A map, or a part of it, from a place; from where it was captured if that is None."""
+    spec = known.spec
     if place is None or spec is None or spec.captured_at is None or spec.distance is None:
         return env
     return env.seen_from([a - b for a, b in zip(place, spec.captured_at, strict=True)], spec.distance)
@@ -224,7 +247,14 @@ def _prepared(known: _Known, settings: RelightSettings, role: str, place: Place 
     from yesnt.relight import prepare_capture, prepare_relight
 
     prepare = prepare_capture if role == "capture" else prepare_relight
-    return prepare(_seen(known, place), settings)
+    return prepare(_seen(known, _map(known), place), settings)
+
+
+@lru_cache(maxsize=2)
+def _prepared_sun(known: _Known, settings: RelightSettings, place: Place | None) -> PreparedLight:
+    from yesnt.relight.lights import part_of
+
+    return part_of(_prepared(known, settings, "light", place), _seen(known, _sun(known).env, place))
 
 
 def _place_of(spec: MapInput, surface: Surface) -> Place | None:

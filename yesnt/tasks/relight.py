@@ -4,19 +4,29 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
 from yesnt.planning import settings as of
 from yesnt.planning.stages import SOLVE
 from yesnt.planning.task_records import RelightTask
-from yesnt.tasks.light import LightFiles, prepared_lights
+from yesnt.tasks.light import LightFiles, light_of_the_sun, prepared_lights
 from yesnt.tasks.surroundings import surroundings
 from yesnt.tasks.workspace import Workspace
 
 if TYPE_CHECKING:
+    from yesnt.relight import PreparedLight, RelightSettings
     from yesnt.relight.combine import Clamped
+    from yesnt.tasks.relight_inputs import RelightInputs
+
+F32 = NDArray[np.float32]
 
 
 def relight(space: Workspace[RelightTask]) -> None:
-    """Commits base colour, diffuse, specular [3, H, W] and shadow [1, H, W] of one frame under the new light."""
+    """Commits base colour, diffuse, specular [3, H, W] and shadow [1, H, W] of one frame under the new light.
+
+    A job with light groups also gets the part of diffuse and specular that the map's sun gives.
+    """
     from yesnt.relight import ProxyScene
     from yesnt.tasks import relight_inputs
 
@@ -29,16 +39,29 @@ def relight(space: Workspace[RelightTask]) -> None:
         inputs = relight_inputs.RelightInputs(plate, seen, camera, frame, proxy, around)
         lights = prepared_lights(LightFiles.of_task(space), inputs.surface(material), settings)
         relit = relight_inputs.relight(inputs, material, lights, settings)
-    space.commit(
-        frame,
-        {
+        planes = {
             "base_color": relit.base_color.transpose(2, 0, 1),
             "diffuse": relit.diffuse.transpose(2, 0, 1),
             "specular": relit.specular.transpose(2, 0, 1),
             "shadow": relit.shadow[None],
-        },
-        facts=_clamped(relit.clamped),
-    )
+        }
+        if job.shot.light_groups:
+            sun = light_of_the_sun(LightFiles.of_task(space), inputs.surface(material), settings)
+            planes |= _by_the_sun(inputs, material, sun, settings, relit.base_color)
+    space.commit(frame, planes, facts=_clamped(relit.clamped))
+
+
+def _by_the_sun(
+    inputs: RelightInputs, material: F32, sun: PreparedLight | None, settings: RelightSettings, base_color: F32
+) -> dict[str, F32]:
+    """What of the relit light the map's sun gives; 0 where it has none."""
+    from yesnt.tasks import relight_inputs
+
+    if sun is None:
+        nothing = np.zeros((3, *material.shape[1:]), np.float32)
+        return {"sun_diffuse": nothing, "sun_specular": nothing}
+    lit = relight_inputs.relight(inputs, material, (sun, None), settings, base_color)
+    return {"sun_diffuse": lit.diffuse.transpose(2, 0, 1), "sun_specular": lit.specular.transpose(2, 0, 1)}
 
 
 def _clamped(found: Clamped) -> dict[str, dict[str, int]]:

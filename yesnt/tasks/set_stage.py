@@ -13,7 +13,7 @@ from yesnt.planning.stages import RELIGHT, SOLVE
 from yesnt.planning.task_records import SetTask
 from yesnt.tasks import relight_inputs
 from yesnt.tasks.ground import read_ground
-from yesnt.tasks.light import LightFiles, map_behind, relighting_light
+from yesnt.tasks.light import LightFiles, light_of_the_sun, map_behind, relighting_light
 from yesnt.tasks.surroundings import surroundings
 from yesnt.tasks.workspace import Workspace
 
@@ -28,7 +28,10 @@ F32 = NDArray[np.float32]
 
 
 def light_the_set(space: Workspace[SetTask]) -> None:
-    """Commits what the set takes from and adds to the light, the holdout, and in `show` what is behind the subject."""
+    """Commits what the set takes from and adds to the light, the holdout, and in `show` what is behind the subject.
+
+    A job with light groups also gets the part of what is behind the subject that the map's sun lights.
+    """
     from yesnt.scene.set_frame import RelitSubject, lit_set
 
     job, frame, camera = space.job, space.frame, space.camera()
@@ -37,9 +40,7 @@ def light_the_set(space: Workspace[SetTask]) -> None:
     assert around is not None
     plate, seen, mesh = space.plate(frame, working=True), space.surface(frame, camera), space.inputs.proxy()
     settings, material = of.relight_settings(shot), space.read(SOLVE, "material", frame)
-    base, diffuse, specular = (
-        space.read(RELIGHT, name, frame).transpose(1, 2, 0) for name in ("base_color", "diffuse", "specular")
-    )
+    base, diffuse, specular = _relit(space, "base_color", "diffuse", "specular")
     from yesnt.relight import ProxyScene
 
     with space.kernel():
@@ -52,7 +53,27 @@ def light_the_set(space: Workspace[SetTask]) -> None:
         image = _image(ground, around, surface)
         behind = map_behind(files, camera, ground) if given.mode == "show" else None
         layers = lit_set(image, subject, light, around, settings, behind)
-    space.commit(frame, _planes(layers))
+        planes = _planes(layers)
+        sun = light_of_the_sun(files, surface, settings) if shot.light_groups else None
+        if shot.light_groups:
+            planes["set_sun"] = np.zeros_like(planes["set_added"])
+        if sun is not None:
+            behind = map_behind(files, camera, ground, sun=True) if given.mode == "show" else None
+            diffuse, specular = _relit(space, "sun_diffuse", "sun_specular")
+            in_sun = RelitSubject(surface, base, diffuse, specular, proxy)
+            planes["set_sun"] = _of_sun(lit_set(image, in_sun, sun, around, settings, behind))
+    space.commit(frame, planes)
+
+
+def _relit(space: Workspace[SetTask], *names: str) -> list[F32]:
+    """Layers [H, W, 3] of the relit frame."""
+    return [space.read(RELIGHT, name, space.frame).transpose(1, 2, 0) for name in names]
+
+
+def _of_sun(layers: SetLayers) -> F32:
+    """Light of the sun [3, H, W] behind the subject; a plate there holds its own, which is no part of the map's."""
+    shown = 0 if layers.behind is None else layers.ratio * layers.behind
+    return np.maximum(shown + layers.added, 0).astype(np.float32).transpose(2, 0, 1)
 
 
 def _image(ground: Ground, around: Surroundings, surface: Surface) -> SetImage:

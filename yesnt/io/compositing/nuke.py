@@ -23,6 +23,12 @@ def nuke_script(of: LayerSequence) -> str:
         "Read", inputs=0, file=f'"\\[file dirname \\[value root.name]]/{of.name}.####.exr"', first=first, last=last,
         origfirst=first, origlast=last, origset="true", raw="true", name="layers",
     )  # fmt: skip
+    made = _of_set(of) if of.set else [_picked("composite", LAYER, "alpha")]
+    return "".join((root, read, "set Nlayers [stack 0]\n", *made, *(_rebalanced() if of.groups else [])))
+
+
+def _of_set(of: LayerSequence) -> list[str]:
+    """Nodes that end in the composite of the layers of a set."""
     behind = [
         _picked("env", _layer("env"), "1"), _picked("shadow_set", ["shadow_set.Y"] * 3, "1"),
         _merge("multiply", "in_shadow"), _picked("reflection_set", _layer("reflection_set"), "0"),
@@ -41,7 +47,21 @@ def nuke_script(of: LayerSequence) -> str:
             relit, "set Nrelit [stack 0]\n", holdout, "push $Nrelit\n", _merge("stencil", "held_out"),
             "push $Nbehind\n", _merge("over", "composite"),
         ]  # fmt: skip
-    return "".join((root, read, "set Nlayers [stack 0]\n", *behind, "set Nbehind [stack 0]\n", *subject))
+    return [*behind, "set Nbehind [stack 0]\n", *subject]
+
+
+def _rebalanced() -> list[str]:
+    """Nodes that end in the composite of the light groups, each with a factor of its own."""
+    return [
+        _picked("light_sun", _layer("light_sun"), "0"), _factor("sun"),
+        _picked("light_rest", _layer("light_rest"), "alpha"), _factor("rest"),
+        _merge("plus", "rebalanced"),
+    ]  # fmt: skip
+
+
+def _factor(name: str) -> str:
+    """A factor of red, green and blue."""
+    return _node("Multiply", channels="rgb", value=1, name=name)
 
 
 def _layer(name: str) -> list[str]:

@@ -40,10 +40,15 @@ def composite_nodes(plan: ShotPlan, graph: Graph) -> Iterator[Node]:
 
 
 def compositing_nodes(plan: ShotPlan) -> Iterator[Node]:
-    """The scripts for other programs; none without a set."""
-    if plan.job.shot.set is None:
+    """The scripts for other programs; none without a set or both light groups."""
+    shot = plan.job.shot
+    groups = len(shot.light_groups) == 2
+    if shot.set is None and not groups:
         return
-    settings = shared(name=plan.job.shot.name, frames=[plan.job.frames[0], plan.job.frames[-1]], **_header(plan))
+    settings = shared(
+        name=shot.name, frames=[plan.job.frames[0], plan.job.frames[-1]], front=True if shot.scene else None,
+        bare=True if shot.set is None else None, groups=True if groups else None, **_header(plan),
+    )  # fmt: skip
     fields = node_fields(plan, COMPOSITING, settings)
     yield Node(COMPOSITING, 0, plan.job.frames[:1], fields, (), CompositingTask())
 

@@ -53,6 +53,7 @@ def _settings(shot: Shot, light: LightInput, capture: CaptureInput | None, plate
         gbuffer=changed_keys(shot.gbuffer, {"path"}),
         proxy=changed_keys(shot.proxy, {"path"}) if shot.proxy else None,
         set=changed_keys(shot.built_in_set, {"mesh", "mode"}) if shot.built_in_set else None,
+        sun=True if shot.light_groups else None,
         **plate,
     )
 

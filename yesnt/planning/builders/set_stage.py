@@ -38,6 +38,7 @@ def _settings(plan: ShotPlan, shot: Shot, frame: int) -> Any:
     return shared(
         relight=changed_fields(of.relight_settings(shot)),
         set=changed_keys(shot.set, {"mesh"}),
+        sun=True if shot.light_groups else None,
         light=changed_keys(shot.light.at(frame), {"path"}),
         gbuffer=changed_keys(shot.gbuffer, {"path"}),
         proxy=changed_keys(shot.proxy, {"path"}),

@@ -44,7 +44,7 @@ from yesnt.runtime.checks.consistency.contradictions import contradictions
 from yesnt.runtime.checks.corrections import CorrectionChecks, correction_facts, corrections_of
 from yesnt.runtime.checks.fields import check_field, check_views
 from yesnt.runtime.checks.fitted import FittedChecks
-from yesnt.runtime.checks.light import light_warnings
+from yesnt.runtime.checks.light import light_warnings, sun_facts, sun_warnings
 from yesnt.runtime.checks.preflight import READERS, Resolved
 
 STORE_BYTES_PER_PIXEL = 80
@@ -301,7 +301,7 @@ class InputChecks:
             for path in dict.fromkeys(frame_path(job.root, pattern, f) for f in job.frames if pattern is not None):
                 stated, conversion = asdict(self._statements[role]), asdict(getattr(job.colors, role))
                 depends = {"file": self._digests[str(path)], "stated": stated, "color": conversion}
-                own = light and {"clamp": light.clamp, "layer": light.layer}
+                own = light and {"clamp": light.clamp, "layer": light.layer, **self._divided(role)}
                 key = digest_of({"check": "map", "code": code_digest(), "light": own, **depends})
                 found = self.facts.fetch(key, partial(self._check_map, path, role))
                 yield from (f"{role}: {count} {what} ({path})" for what, count in found["counts"].items())
@@ -311,6 +311,12 @@ class InputChecks:
                         f"{role}: {path} is {width}x{height}, {width / height:.3g} to 1, and a lat-long map is 2 to 1: "
                         "it is stretched over the sphere; a cube or a mirror ball must be converted first"
                     )
+                if "sun" in found:
+                    yield from sun_warnings(path, found["sun"])
+
+    def _divided(self, role: str) -> dict[str, bool]:
+        """Whether the sun of a map is divided off; empty if not."""
+        return {"sun": True} if role == "light" and self._job.shot.light_groups else {}
 
     def _check_map(self, path: Path, role: str) -> dict[str, Any]:
         """Decodes a map; counts what is used although it is odd."""
@@ -319,7 +325,8 @@ class InputChecks:
         found = env_maps.read_radiance(path, getattr(self._job.colors, role), light.clamp, light.layer)
         counts = {"negative values are read as 0": found.negative, "infinite values are clamped": found.infinite}
         size = [found.values.shape[1], found.values.shape[0]]
-        return {"counts": {what: count for what, count in counts.items() if count}, "size": size}
+        facts = {"counts": {what: count for what, count in counts.items() if count}, "size": size}
+        return facts | ({"sun": sun_facts(found.values, light.clamp)} if self._divided(role) else {})
 
 
 def _uncovered(matte: NDArray[np.float32], uncovered: NDArray[np.float32]) -> int:

@@ -20,6 +20,8 @@ FRAMES = (1001, 1002)
 SIZE = (1920, 1080)
 ASPECT = 1.0
 FRONT = True
+SET = True
+GROUPS = False
 
 FOLDER = os.path.dirname(os.path.abspath(__file__))
 
@@ -51,20 +53,32 @@ def tree_of(scene: Any) -> Any:
 
 
 def build(tree: Any) -> None:
-    """What is in front of the subject, over the subject, over max(env shadow_set + reflection_set, 0)."""
+    """The composite of the layers, with light groups by two factors, `sun` and `rest`, which are 1."""
     layers = source(tree)
+    made = of_set(tree, layers) if SET else layers["Image" if "Image" in layers else "Combined"]
+    output(tree, rebalanced(tree, made, layers) if GROUPS else made)
+
+
+def of_set(tree: Any, layers: dict[str, Any]) -> Any:
+    """What is in front of the subject, over the subject, over max(env shadow_set + reflection_set, 0)."""
     shadow = math(tree, "MAXIMUM", layers["shadow_set"], 0.0, "shadow_set")
     dimmed = mix(tree, "MULTIPLY", opaque(tree, layers["env"], 1.0), shadow, "in shadow")
     behind = clipped(tree, mix(tree, "ADD", dimmed, layers["reflection_set"], "behind"))
     clear = math(tree, "SUBTRACT", 1.0, layers["holdout"], "not held out")
     if not FRONT:
-        output(tree, over(tree, opaque(tree, behind, 1.0), scaled(tree, layers["relit"], clear), "composite"))
-        return
+        return over(tree, opaque(tree, behind, 1.0), scaled(tree, layers["relit"], clear), "composite")
     covered = over(tree, opaque(tree, behind, 1.0), layers["relit"], "subject")
     held = mix(tree, "MULTIPLY", covered, clear, "held out")
     total = mix(tree, "ADD", held, layers["front"], "composite")
-    alpha = over_alpha(tree, covered, clear, layers["holdout"])
-    output(tree, with_alpha(tree, total, alpha))
+    return with_alpha(tree, total, over_alpha(tree, covered, clear, layers["holdout"]))
+
+
+def rebalanced(tree: Any, composite: Any, layers: dict[str, Any]) -> Any:
+    """The composite, and of each light group what its factor is above 1."""
+    for name in ("sun", "rest"):
+        more = math(tree, "SUBTRACT", value(tree, 1.0, name), 1.0, f"more {name}")
+        composite = mix(tree, "ADD", composite, scaled(tree, layers[f"light_{name}"], more), f"with {name}")
+    return composite
 
 
 def source(tree: Any) -> dict[str, Any]:
@@ -92,6 +106,13 @@ def feed(tree: Any, socket: Any, value: Any) -> None:
         socket.default_value = value
     else:
         tree.links.new(value, socket)
+
+
+def value(tree: Any, number: float, label: str) -> Any:
+    """A number that the user changes."""
+    node = new(tree, "ShaderNodeValue" if bpy.app.version >= (5, 0, 0) else "CompositorNodeValue", label)
+    node.outputs[0].default_value = number
+    return node.outputs[0]
 
 
 def math(tree: Any, operation: str, a: Any, b: Any, label: str) -> Any:

@@ -35,7 +35,10 @@ def main() -> None:
     for name in names:
         bpy.ops.wm.read_factory_settings(use_empty=True)
         bpy.context.scene.render.engine = "CYCLES"
-        bpy.context.scene.cycles.sample_clamp_indirect = 0.0  # truth is not clamped
+        cycles = bpy.context.scene.cycles
+        cycles.sample_clamp_indirect = cycles.blur_glossy = (
+            0.0  # truth is not clamped, nor its mirrors rough in bounces
+        )
         SCENES[name](folder)
         bpy.ops.wm.save_as_mainfile(filepath=str(folder / f"{name}.blend"), compress=True, relative_remap=True)
 

@@ -22,6 +22,7 @@ from yesnt.io.mesh import read_proxy
 from yesnt.runtime.checks.consistency.contradictions import _mend
 from yesnt.runtime.checks.preflight import resolve
 from yesnt.runtime.session import Session
+from yesnt.scene.ground import stance
 
 FRAME = 1008
 Planes = dict[str, np.ndarray]
@@ -200,6 +201,27 @@ def test_a_wrong_proxy_is_reported(tmp_path: Path, change: Callable[[np.ndarray]
     folder = write_frame(tmp_path / "s")
     write_proxy(folder, change)
     assert re.search(message, reported(folder))
+
+
+@pytest.mark.parametrize(
+    ("ground", "message"),
+    [
+        (0.0, None),
+        (0.25, "stands inside the ground; `ground: FEET` or `ground: auto` puts the ground under them"),
+        (-0.3, "it floats, unless it is in the air there; `ground: FEET` or `ground: auto` puts"),
+    ],
+)
+def test_a_ground_that_the_feet_contradict_is_reported(tmp_path: Path, ground: float, message: str | None) -> None:
+    """The height is counted from the feet."""
+    mesh = trimesh.load_mesh(SHOT / f"proxy.{FRAME}.ply", process=False)
+    feet = stance(np.asarray(mesh.vertices, np.float32), np.asarray(mesh.faces, np.int32)).contact
+    found = reported(write_frame(tmp_path / "shot", set={"ground": feet + ground}))
+    if message is None:
+        assert "feet" not in found
+        return
+    side = "below" if ground > 0 else "above"
+    assert f"set and proxy: the feet of the subject are {abs(ground):.3g} m {side} `ground:" in found
+    assert message.replace("FEET", f"{feet:.3g}") in found
 
 
 def test_mistakes_that_fit_alike_are_all_named() -> None:

@@ -27,6 +27,9 @@ class UniformSubject:
     def coarse(self, face, direction):
         return np.where((face >= 0)[:, None], np.float32(self.radiance), np.zeros((len(face), 3), np.float32))
 
+    def mirrored(self, hits, grid):
+        return self.fine(hits)
+
     def fine(self, hits):
         return np.full((len(hits.face), 3), self.radiance, np.float32)
 

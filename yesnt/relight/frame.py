@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from yesnt.relight.combine import NOTHING_CLAMPED, Clamped, Response, normalise, response, shadow_ratio
 from yesnt.relight.edges import resolve_edges
 from yesnt.relight.envmap import EnvMap
-from yesnt.relight.indirect import ShownPixels, indirect_light
+from yesnt.relight.indirect import IndirectLight, ShownPixels, indirect_light
 from yesnt.relight.kernels import COLUMNS, LIT, sum_lobes
 from yesnt.relight.lights import PreparedLight, prepare_light
 from yesnt.relight.occlusion import Occluders, find_occluders, occlusion, single_factor
@@ -228,6 +228,17 @@ def integrate(base: F32, pixels: Pixels, occluders: Occluders, light: PreparedLi
     if occluders.proxy is not None and settings.bounce > 0:
         source = ShownPixels(pixels, occluders.shown, base)
         indirect = indirect_light(occluders.proxy, source, light, settings, occluders.surroundings)
+    return integrate_under(indirect, pixels, occluders, light, settings)
+
+
+def integrate_under(
+    indirect: IndirectLight | None,
+    pixels: Pixels,
+    occluders: Occluders,
+    light: PreparedLight,
+    settings: RelightSettings,
+) -> F32:
+    """As `integrate`, with what the triangles of `occluders` send out; None: they are black."""
     tiles = [np.zeros((0, COLUMNS), dtype=np.float32)]
     for band in bands(pixels, settings.tile):
         part = band.part

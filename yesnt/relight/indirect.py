@@ -59,6 +59,7 @@ class MetalTriangles(NamedTuple):
         metallic: [F] 0..1.
         normal: [F, 3] unit, world.
         level: [F] index into LEVELS.
+        wide: [F] the same for the direction of a whole cluster, which stands for all directions in it.
         occluders: [F, C, 3] radiance that comes to a triangle from occluded coarse light clusters; -1 where it sees
             the cluster.
     """
@@ -67,6 +68,7 @@ class MetalTriangles(NamedTuple):
     metallic: F32
     normal: F32
     level: I32
+    wide: I32
     occluders: F32
 
 
@@ -155,10 +157,12 @@ def indirect_light(
     sent = np.concatenate([albedo * received, nothing]).astype(np.float32)
     level = nearest_level(roughness)
     occluders = np.where((hits == OPEN)[..., None], np.float32(-1), sent[hits])
-    used = tuple(np.unique(level[tint.sum(axis=1) > _TINT]).tolist())
-    metal = MetalTriangles(
-        np.concatenate([tint, nothing]).astype(np.float32), painted[:, 7], proxy.normals, level, occluders
-    )
+    wide = level.copy()
+    wide[own:] = np.maximum(level[own:], cluster_level(light))
+    shines = tint.sum(axis=1) > _TINT
+    used = tuple(np.unique([level[shines], wide[shines]]).tolist())
+    tint = np.concatenate([tint, nothing]).astype(np.float32)
+    metal = MetalTriangles(tint, painted[:, 7], proxy.normals, level, wide, occluders)
     exitant = np.concatenate([diffuse * received, nothing]).astype(np.float32)
     return IndirectLight(exitant, metal, mirrored_light(light, used))
 
@@ -174,6 +178,17 @@ def mirrored_light(light: PreparedLight, used: tuple[int, ...]) -> MirroredLight
 def nearest_level(roughness: NDArray[np.floating]) -> I32:
     """Index into LEVELS of the value nearest to each roughness [N], as [N] int32."""
     return np.abs(roughness[:, None] - np.array(LEVELS, np.float32)).argmin(axis=1).astype(np.int32)
+
+
+def cluster_level(light: PreparedLight) -> int:
+    """Index into LEVELS of the narrowest lobe that is as wide as a light cluster.
+
+    A smooth floor mirrors a lamp into a few clusters. If each took what lies in its middle, the lamp would count as a
+    whole number of clusters: 10 % too bright for a lamp of 16 degrees. Half of a GGX lobe lies within 2 alpha_ggx of
+    the mirrored direction, half of a cluster of solid angle s within sqrt(s / (2 pi)).
+    """
+    half = np.sqrt(float(np.median(light.clusters.solid_angle)) / (2 * np.pi))
+    return min(int(np.searchsorted(2 * np.square(LEVELS), half)), len(LEVELS) - 1)
 
 
 def _directions() -> F32:
@@ -215,8 +230,9 @@ def _towards(first, last, rays, diffuse, metal, light, out):  # type: ignore[no-
             for k in range(3):
                 out[k, p, c] = diffuse[face, k]
             if metal.tint[face, 0] + metal.tint[face, 1] + metal.tint[face, 2] > np.float32(_TINT):
-                dx, dy, dz = rays.direction[0, c], rays.direction[1, c], rays.direction[2, c]
+                dx, dy, dz, level = rays.direction[0, c], rays.direction[1, c], rays.direction[2, c], metal.wide[face]
                 if c == rays.mirror_cluster[p]:
+                    level = metal.level[face]
                     dx, dy, dz = rays.mirror[p, 0], rays.mirror[p, 1], rays.mirror[p, 2]
                 nx, ny, nz = metal.normal[face, 0], metal.normal[face, 1], metal.normal[face, 2]
                 cos_o = dx * nx + dy * ny + dz * nz  # negative: the direction points to the triangle
@@ -226,7 +242,7 @@ def _towards(first, last, rays, diffuse, metal, light, out):  # type: ignore[no-
                 for k in range(3):
                     incident = metal.occluders[face, light.cluster[row, column], k]
                     if incident < 0:
-                        incident = light.radiance[metal.level[face], row, column, k]
+                        incident = light.radiance[level, row, column, k]
                     fresnel = metal.tint[face, k] + schlick * (metal.metallic[face] - metal.tint[face, k])
                     out[k, p, c] += fresnel * incident
 

@@ -16,6 +16,20 @@ PARTS = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))
 """Middles of the four parts of a pixel, from its own."""
 
 
+class RayGrid(NamedTuple):
+    """Where R rays stand in a picture that has one place for each part of a pixel, so that neighbours are found.
+
+    Attributes:
+        place: [R] flat.
+        shape: (2 H, 2 W).
+        footprint: [R] metres between the points that rays of neighbouring places meet.
+    """
+
+    place: NDArray[np.int64]
+    shape: tuple[int, int]
+    footprint: F32
+
+
 class PixelParts(NamedTuple):
     """The parts of P pixels.
 
@@ -39,3 +53,16 @@ class PixelParts(NamedTuple):
         meets = slope < -COS_MIN
         along = np.where(meets, level / np.where(meets, slope, 1), np.linalg.norm(middle, axis=1))
         return (self.eye + aim * along[:, None]).astype(np.float32), aim.astype(np.float32)
+
+    def grid(self, pixels: Pixels, which: NDArray[np.intp], part: NDArray[np.intp], travelled: F32) -> RayGrid:
+        """The places of rays [R] through parts [R] of pixels `which` [R]; `travelled` [R], metres from the eye."""
+        row, column = np.divmod(pixels.index[which], pixels.shape[1])
+        right, down = part % 2, part // 2
+        height, width = pixels.shape
+        first, second = (self.rays[k][which] for k in (0, 1))
+        apart = first / np.linalg.norm(first, axis=1, keepdims=True)
+        apart = apart - second / np.linalg.norm(second, axis=1, keepdims=True)
+        footprint = travelled * np.linalg.norm(apart, axis=1)
+        return RayGrid(
+            (2 * row + down) * 2 * width + 2 * column + right, (2 * height, 2 * width), footprint.astype(np.float32)
+        )

@@ -18,16 +18,16 @@ from yesnt.relight.points import Surface, gather_pixels
 from yesnt.relight.proxy import ProxyScene
 from yesnt.relight.settings import RelightSettings
 from yesnt.relight.surroundings import Surroundings
+from yesnt.scene.delivered_picture import DeliveredPicture
 from yesnt.scene.set_light import light_set
 from yesnt.scene.set_scene import SetScene
 from yesnt.scene.set_view import SetImage
-from yesnt.scene.subject import Subject
+from yesnt.scene.subject import Lighting, Subject
+from yesnt.scene.subject_materials import SubjectMaterials
+from yesnt.scene.vertex_materials import COVERED
 
 F32 = NDArray[np.float32]
 I32 = NDArray[np.int32]
-
-COVERED = 0.9
-"""Coverage from which a pixel's materials are the subject's own: an edge pixel mixes them with what is behind it."""
 
 
 @dataclass(frozen=True)
@@ -38,14 +38,12 @@ class RelitSubject:
         surface: its G-buffer.
         base_color: [H, W, 3] 0..1.
         diffuse: [H, W, 3] straight relit radiance.
-        specular: [H, W, 3] straight relit radiance.
         proxy: its mesh.
     """
 
     surface: Surface
     base_color: F32
     diffuse: F32
-    specular: F32
     proxy: ProxyScene
 
     def around(self, light: PreparedLight, surroundings: Surroundings, settings: RelightSettings) -> Subject:
@@ -59,9 +57,12 @@ class RelitSubject:
         sent = indirect_light(joined, source, light, settings, surroundings)
         if settings.bounce == 0:  # as relighting: what is occluded is black
             sent = IndirectLight(sent.diffuse * 0, sent.metal._replace(tint=sent.metal.tint * 0), sent.light)
-        dull = 1 - np.clip(np.nan_to_num(np.asarray(self.surface.metallic, np.float32)), 0, 1)[..., None]
-        radiance = self.diffuse + self.specular * dull
-        return Subject(self.proxy, sent, self.surface, radiance if settings.bounce else 0 * radiance)
+        picture = DeliveredPicture(self.proxy, self.surface)
+        materials, diffuse = (
+            SubjectMaterials(picture, self.base_color),
+            self.diffuse if settings.bounce else self.diffuse * 0,
+        )
+        return Subject(picture, sent, diffuse, materials, Lighting(light, settings, surroundings))
 
 
 def inner_pixels(shown: I32, opacity: F32) -> I32:

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from yesnt.relight.lights import Clusters
 from yesnt.relight.proxy import OPEN, cluster_rays
+from yesnt.scene.delivered_picture import hits_of
 from yesnt.scene.interpolate import Places
 from yesnt.scene.pixel_parts import PARTS
 from yesnt.scene.set_brdf import SetBrdf
 from yesnt.scene.set_scene import SetScene, SetView
 from yesnt.scene.sharp_lobe import RAYS, SharpLobe
-from yesnt.scene.subject import hits_of
 
 F32 = NDArray[np.float32]
 I32 = NDArray[np.int32]
@@ -110,7 +110,7 @@ def lobe_changes(lobe: SharpLobe, scene: SetScene, some: Places) -> F32:
         ray = traced[hit]
         weight = share[ray] * lobe.albedo[part][pixel[ray]]
         met = _met(scene, face[hit], own[hit], rays.direction[ray])
-        met = _mirrored(scene, met, rays.origin[ray], rays.direction[ray])
+        met = _seen(lobe, scene, met, _Rays(part[pixel[ray]], ray % count, rays.origin[ray], rays.direction[ray]))
         found.append(_totals(len(part), pixel[ray], before[ray], weight, met))
     return np.concatenate(found)
 
@@ -155,12 +155,36 @@ def _met(scene: SetScene, face: I32, own: I32, direction: F32) -> _Met:
     return _Met(meets, beside, from_subject, subject.coarse(np.where(beside, own + count, OPEN), direction))
 
 
-def _mirrored(scene: SetScene, met: _Met, origin: F32, direction: F32) -> _Met:
-    """The same with the subject as a mirror shows it."""
+class _Rays(NamedTuple):
+    """R rays of a sharp lobe.
+
+    Attributes:
+        pixel: [R] number of the pixel.
+        number: [R] of the ray among those of its pixel; of a mirror the part that it comes from.
+        origin: [R, 3] world metres.
+        direction: [R, 3] unit, world.
+    """
+
+    pixel: Places
+    number: Places
+    origin: F32
+    direction: F32
+
+
+def _seen(lobe: SharpLobe, scene: SetScene, met: _Met, rays: _Rays) -> _Met:
+    """The same with the subject as a sharp lobe sees it: relit in a mirror, else with its colours in detail."""
     at = np.flatnonzero(met.subject)
-    if len(at):
-        hits, known = hits_of(scene.subject.mesh, origin[at], direction[at])
-        met.from_subject[at[known]] = scene.subject.fine(hits)
+    hits, known = hits_of(scene.subject.mesh, rays.origin[at], rays.direction[at])
+    at = at[known]
+    if not len(at):
+        return met
+    if not lobe.is_mirror:
+        met.from_subject[at] = scene.subject.fine(hits)
+        return met
+    start = rays.origin[at]
+    travelled = np.linalg.norm(start - lobe.parts.eye, axis=1) + np.linalg.norm(hits.point - start, axis=1)
+    grid = lobe.parts.grid(lobe.pixels, rays.pixel[at], rays.number[at], travelled)
+    met.from_subject[at] = scene.subject.mirrored(hits, grid)
     return met
 
 

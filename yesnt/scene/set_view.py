@@ -12,6 +12,7 @@ from yesnt.relight.points import Pixels
 from yesnt.relight.proxy import OPEN, ProxyScene
 from yesnt.relight.surroundings import SetMaterial
 from yesnt.scene.ground import Ground
+from yesnt.scene.mesh_normals import smooth_normals
 from yesnt.scene.pixel_parts import PARTS, PixelParts
 from yesnt.scene.set_scene import SetView
 
@@ -19,9 +20,6 @@ F32 = NDArray[np.float32]
 
 SIDE = 4
 """A mesh covers a pixel as far as this many by this many rays meet it."""
-
-CREASE = 0.77
-"""Cosine, 40 degrees: normals of a mesh are interpolated where its faces meet at a smaller angle."""
 
 _GRAZING = 1e-4  # least slope of a ray that meets a plane: the next row would lie kilometres away
 _BEHIND = 0.02  # metres by which a mesh must be in front of the subject to hide it: feet sink into a floor
@@ -99,22 +97,10 @@ def _view(
 
 def _normals(mesh: ProxyScene, face: NDArray[np.int32], point: F32, eye: F32) -> F32:
     """Unit normals [P, 3] towards the eye: interpolated between vertices, but for creases."""
-    total = np.zeros((len(mesh.vertices), 3))
-    for corner in range(3):
-        np.add.at(total, mesh.faces[:, corner], mesh.normals)
-    smooth = total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-12)
-    corners = mesh.faces[face]
-    flat = mesh.normals[face]
-    a, b, c = (mesh.vertices[corners[:, k]] for k in range(3))
+    a, b, c = (mesh.vertices[mesh.faces[face][:, k]] for k in range(3))
     u, v = _barycentric(point, a, b, c)
-    weights = 1 - u - v, u, v
-    mixed = np.zeros_like(flat, dtype=np.float64)
-    for k, weight in enumerate(weights):
-        one = smooth[corners[:, k]]
-        bent = (one * flat).sum(axis=1, keepdims=True) < CREASE
-        mixed += weight[:, None] * np.where(bent, flat, one)
-    mixed /= np.maximum(np.linalg.norm(mixed, axis=1, keepdims=True), 1e-12)
-    facing = ((eye - point) * flat).sum(axis=1, keepdims=True) < 0
+    mixed = smooth_normals(mesh, face, (1 - u - v, u, v))
+    facing = ((eye - point) * mesh.normals[face]).sum(axis=1, keepdims=True) < 0
     return np.where(facing, -mixed, mixed).astype(np.float32)
 
 

@@ -72,6 +72,11 @@ class SharpLobe:
     albedo: F32
     offset: float
 
+    @property
+    def is_mirror(self) -> bool:
+        """Whether there is one ray in each part of a pixel."""
+        return bool(self.pixels.roughness[0] < MIRROR)
+
     def rays(self, some: Places) -> LobeRays:
         """Rays of pixels [n], pixel by pixel."""
         found = [self._part(some, k) for k in range(len(PARTS))]

@@ -9,35 +9,44 @@ from yesnt.core.camera import Camera
 
 F32 = NDArray[np.float32]
 
+COVERED = 0.9
+"""Coverage from which a pixel's materials are the subject's own: an edge pixel mixes them with what is behind it."""
+
 NEAR = 0.03
 """Metres along the view within which a vertex lies on the surface that a pixel shows."""
 
 
 def vertex_values(
-    mesh: tuple[F32, NDArray[np.int32]], view: tuple[Camera, int], values: F32, opacity: F32, z: F32
+    mesh: tuple[F32, NDArray[np.int32]], view: tuple[Camera, int | None], values: F32, opacity: F32, z: F32
 ) -> F32:
     """Values of the vertices: of the pixel that shows a vertex, else spread over the mesh from those that are seen.
 
     Args:
         mesh: vertices [V, 3] in world metres and triangles [F, 3].
-        view: the camera and its frame.
+        view: the camera and its frame; None: its first.
         values: [H, W, K] straight.
-        opacity: [H, W] coverage; pixels above 0.5 are read.
+        opacity: [H, W] coverage; pixels of at least `COVERED` are read, where there are none all above 0.5.
         z: [H, W] planar metres.
 
     Returns:
         [V, K]; the mean of the covered pixels for parts of the mesh of which no vertex is seen, 0 without any.
     """
     vertices, faces = mesh
-    solid = opacity > 0.5
+    solid = covered_pixels(opacity)
     fallback = values[solid].mean(axis=0) if solid.any() else np.zeros(values.shape[-1])
     pixel, seen = _shown(vertices, view, solid, z)
     known = np.where(seen[:, None], values.reshape(-1, values.shape[-1])[pixel], 0).astype(np.float64)
     return _spread(known, seen, faces, fallback).astype(np.float32)
 
 
+def covered_pixels(opacity: F32) -> NDArray[np.bool_]:
+    """Pixels [H, W] whose materials are the subject's own; those of more than half coverage where there are none."""
+    whole = opacity >= COVERED
+    return whole if whole.any() else opacity > 0.5
+
+
 def _shown(
-    vertices: F32, view: tuple[Camera, int], solid: NDArray[np.bool_], z: F32
+    vertices: F32, view: tuple[Camera, int | None], solid: NDArray[np.bool_], z: F32
 ) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     """The flat index of the pixel in which each vertex lies [V], and whether the pixel shows it."""
     height, width = solid.shape

@@ -40,7 +40,7 @@ def light_the_set(space: Workspace[SetTask]) -> None:
     assert around is not None
     plate, seen, mesh = space.plate(frame, working=True), space.surface(frame, camera), space.inputs.proxy()
     settings, material = of.relight_settings(shot), space.read(SOLVE, "material", frame)
-    base, diffuse, specular = _relit(space, "base_color", "diffuse", "specular")
+    base, diffuse = _relit(space, "base_color", "diffuse")
     from yesnt.relight import ProxyScene
 
     with space.kernel():
@@ -49,7 +49,7 @@ def light_the_set(space: Workspace[SetTask]) -> None:
         surface = relight_inputs.RelightInputs(plate, seen, camera, frame, proxy).surface(material)
         files = LightFiles.of_task(space)
         light = relighting_light(files, surface, settings)
-        subject = RelitSubject(surface, base, diffuse, specular, proxy)
+        subject = RelitSubject(surface, base, diffuse, proxy)
         image = _image(ground, around, surface)
         behind = map_behind(files, camera, ground) if given.mode == "show" else None
         layers = lit_set(image, subject, light, around, settings, behind)
@@ -59,8 +59,8 @@ def light_the_set(space: Workspace[SetTask]) -> None:
             planes["set_sun"] = np.zeros_like(planes["set_added"])
         if sun is not None:
             behind = map_behind(files, camera, ground, sun=True) if given.mode == "show" else None
-            diffuse, specular = _relit(space, "sun_diffuse", "sun_specular")
-            in_sun = RelitSubject(surface, base, diffuse, specular, proxy)
+            (diffuse,) = _relit(space, "sun_diffuse")
+            in_sun = RelitSubject(surface, base, diffuse, proxy)
             planes["set_sun"] = _of_sun(lit_set(image, in_sun, sun, around, settings, behind))
     space.commit(frame, planes)
 

@@ -61,9 +61,13 @@ def _uniform_light() -> None:
 
 
 def _render(path: Path, samples: int) -> None:
-    scene = bpy.context.scene
+    """Renders one picture, unless an earlier run that was stopped has made it."""
+    if path.exists():
+        return
+    scene, unfinished = bpy.context.scene, path.with_name("unfinished.exr")
     scene.cycles.samples, scene.cycles.use_denoising = samples, samples > 1 and versions.denoises()
-    versions.render_to(scene, str(path))
+    versions.render_to(scene, str(unfinished))
+    unfinished.rename(path)
 
 
 if __name__ == "__main__":

@@ -15,6 +15,9 @@ from yesnt.planning.shot_plan import ShotPlan
 from yesnt.planning.stages import BAKE, GROUND, RELIGHT, SOLVE
 from yesnt.planning.task_records import RelightTask
 
+SURROUNDINGS = 2
+"""Version of the light that a set sends to the subject; raised in place of the stage's, which all jobs share."""
+
 
 def relight_nodes(plan: ShotPlan, graph: Graph) -> Iterator[Node]:
     """Every frame with the capture light divided out and the new light applied."""
@@ -52,7 +55,9 @@ def _settings(shot: Shot, light: LightInput, capture: CaptureInput | None, plate
         capture=changed_keys(capture, {"path"}) if capture else None,
         gbuffer=changed_keys(shot.gbuffer, {"path"}),
         proxy=changed_keys(shot.proxy, {"path"}) if shot.proxy else None,
-        set=changed_keys(shot.built_in_set, {"mesh", "mode"}) if shot.built_in_set else None,
+        set=changed_keys(shot.built_in_set, {"mesh", "mode"}) | {"version": SURROUNDINGS}
+        if shot.built_in_set
+        else None,
         sun=True if shot.light_groups else None,
         **plate,
     )

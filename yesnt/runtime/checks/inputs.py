@@ -229,7 +229,7 @@ class InputChecks:
         for frame in self._job.probe_frames:
             key = digest_of(self._depends(frame) | {"check": "consistency", "light": self._capture_light(frame)})
             found[frame] = self.facts.fetch(key, partial(self._measure, frame))
-        return contradictions(found, self._job.shot.gbuffer.path)
+        return contradictions(found, self._job.shot)
 
     def _measure(self, frame: int) -> dict[str, Any]:
         from yesnt.runtime.checks.consistency.measure import measure_frame  # imports Numba's kernels

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from yesnt.core.errors import JobError
+from yesnt.core.shot import Shot
+from yesnt.runtime.checks.consistency.feet import of_ground
 from yesnt.runtime.checks.consistency.sample import GOOD, SLOPES
 
 Facts = Mapping[str, Any]
@@ -23,12 +25,12 @@ _BLACK = 0.02  # median albedo: half of what glass reflects; black plastics of t
 _DARK = 0.1  # and albedo that only 1 % of the pixels exceed
 
 
-def contradictions(frames: Mapping[int, Facts], path: str) -> Iterable[str]:
+def contradictions(frames: Mapping[int, Facts], shot: Shot) -> Iterable[str]:
     """Warnings of the measured frames of a shot.
 
     Args:
         frames: facts by frame (`measure_frame`).
-        path: of the G-buffer, named in refusals.
+        shot: of the job.
 
     Raises:
         JobError: no pixel has a normal, or no triangle of the proxy an area.
@@ -40,13 +42,14 @@ def contradictions(frames: Mapping[int, Facts], path: str) -> Iterable[str]:
     where = f"frames {', '.join(map(str, known))}" if len(known) > 1 else f"frame {next(iter(known))}"
     if _mean(facts, "zero") == 1:
         raise JobError(
-            "The normals have no length at 100 % of the covered pixels", f"{path}, {where}", "unit normals",
-            "check the channels that `normal` names, or render the normal pass again",
+            "The normals have no length at 100 % of the covered pixels", f"{shot.gbuffer.path}, {where}",
+            "unit normals", "check the channels that `normal` names, or render the normal pass again",
         )  # fmt: skip
     yield from _of_normals(facts, where)
     yield from _of_depth(facts, where)
     yield from _of_exposure(facts, where)
     yield from _of_proxy([one["proxy"] for one in facts if "proxy" in one], where)
+    yield from of_ground(shot.set, [one["proxy"] for one in facts if "proxy" in one], where)
 
 
 def _of_normals(facts: Sequence[Facts], where: str) -> Iterable[str]:

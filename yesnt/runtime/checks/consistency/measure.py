@@ -13,6 +13,7 @@ from yesnt.io import shot_inputs
 from yesnt.io.mesh import read_proxy
 from yesnt.relight import EnvMap, ProxyScene
 from yesnt.runtime.checks.consistency import exposure, proxy
+from yesnt.runtime.checks.consistency.feet import feet
 from yesnt.runtime.checks.consistency.geometry import agreement, hypotheses, ray_share, steepness
 from yesnt.runtime.checks.consistency.sample import GOOD, LEAST, SLOPES, Sample, take_sample
 from yesnt.tasks.light import frame_map
@@ -23,7 +24,7 @@ def measure_frame(job: Job, frame: int, camera: Camera) -> dict[str, Any]:
 
     Keys: `zero`, `unit`, `facing`, `along` (shares), `mends` (what mends normals: share), `ray`, `ray_gain`, `steep`
     (slope of depth over that of the normals), `extent` (metres), `bright` (share), `albedo` (median, 99th percentile),
-    `proxy` (hit, agree, ratio, degenerate, mends).
+    `proxy` (hit, agree, ratio, degenerate, mends, contact, height).
     """
     plate, surface = shot_inputs.read_plate(job, frame, working=True), shot_inputs.read_surface(job, frame, camera)
     sample = take_sample(camera, frame, plate, surface)
@@ -76,4 +77,5 @@ def _proxy(scene: ProxyScene, sample: Sample) -> dict[str, Any]:
         "ratio": _known(found.ratio),
         "degenerate": degenerate,
         "mends": mends,
+        **feet(scene),
     }

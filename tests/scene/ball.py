@@ -22,7 +22,7 @@ BASE = np.float32([0.6, 0.4, 0.2])
 def mesh():
     """Of radius 0.5, 1 m above the ground."""
     made = trimesh.creation.icosphere(subdivisions=3, radius=0.5)
-    return ProxyScene.from_arrays(made.vertices + [0, 0, 1], made.faces)
+    return ProxyScene.from_arrays(made.vertices + np.float32([0, 0, 1]), made.faces)
 
 
 def camera(place, size=24):

@@ -46,6 +46,12 @@ def measured_graph(plan: EvalPlan) -> Graph:
     return Graph([plan.measured_material(), *found])
 
 
+def fitted_graph(plan: EvalPlan) -> Graph:
+    """The rows whose geometry is fitted; run after the job that fits it."""
+    scored = [(name, frame) for frame in plan.frames for name, _ in plan.subject.maps]
+    return Graph(plan.fitted_score(name, frame) for name, frame in scored if frame in plan.scored_frames(name))
+
+
 def _nodes(plan: EvalPlan) -> Iterator[Node]:
     graph = Graph()
 

@@ -27,6 +27,10 @@ QualityOption = Annotated[
     str | None, typer.Option(help="draft, standard, final, reference (default: as the shot says)")
 ]
 LpipsOption = Annotated[Path | None, typer.Option(help="state_dict of LPIPS with AlexNet, for the LPIPS columns")]
+FitOption = Annotated[
+    int | None,
+    typer.Option(min=1, help="also fit a Gaussian field to each shot's capture, with so many steps (minutes a shot)"),
+]
 WorkersOption = Annotated[
     int | None, typer.Option(min=0, max=1024, help="worker processes; 0: in this process [2, or the profile's]")
 ]
@@ -46,6 +50,7 @@ def evaluate(
     weights: WeightsOption = None,
     quality: QualityOption = None,
     lpips: LpipsOption = None,
+    fit_steps: FitOption = None,
     workers: WorkersOption = None,
     cluster: ClusterOption = "local",
     json: JsonOption = False,
@@ -56,7 +61,8 @@ def evaluate(
 
     options = EvalOptions(
         shots=_names(shots), maps=_names(maps), thorough=frames, probes=probes, samples=samples, weights=weights,
-        quality=quality, lpips=lpips, workers=workers, cluster=cluster,
+        quality=quality, lpips=lpips,
+        fit_knobs=None if fit_steps is None else {"steps": fit_steps}, workers=workers, cluster=cluster,
     )  # fmt: skip
     source = _source(folder, set_name)
     target = output or Path("eval") / (set_name or source.absolute().name)

@@ -27,14 +27,14 @@ WAYS = ((-40, 12), (35, 40), (20, -30), (-25, -20))
 """Azimuth and elevation of the cameras, degrees."""
 
 
-def write_capture(folder):
-    """Adds a proxy and four cameras to the shot of conftest.py, whose ball is metal above and paint below."""
+def write_capture(folder, ways=WAYS):
+    """Adds a proxy and cameras to the shot of conftest.py, whose ball is metal above and paint below."""
     ball = trimesh.creation.icosphere(4)
     for frame in FRAMES:
         ball.export(folder / f"proxy.{frame}.ply")
     lens = {"width": SIDE, "height": SIDE, "fx": 48.0, "fy": 48.0, "cx": SIDE / 2, "cy": SIDE / 2}
     cameras = {}
-    for number, (azimuth, elevation) in enumerate(WAYS):
+    for number, (azimuth, elevation) in enumerate(ways):
         name, pose = f"c{number}", pose_on_sphere(azimuth, elevation, 3.0, 0.0)
         cameras[name] = lens | {"world_from_camera": pose.ravel().tolist()}
         color, matte = picture(lens, pose)

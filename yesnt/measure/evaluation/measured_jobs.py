@@ -13,6 +13,7 @@ from yesnt.io.cameras import read_cameras
 from yesnt.io.durable import write_bytes
 from yesnt.io.jobfile import load_shot, parse_frames
 from yesnt.measure.evaluation.evidence_rows import MEASURED, InputErrors
+from yesnt.measure.evaluation.fitted_rows import CAMERAS as FITTED_CAMERAS
 from yesnt.measure.evaluation.spoilt_inputs import spoilt
 from yesnt.measure.evaluation.subjects import Subject
 from yesnt.runtime.session import Session
@@ -29,8 +30,7 @@ def measured_sessions(subject: Subject, home: Path, absolute: Callable[[Shot], d
         home: folder of its evaluation.
         absolute: the shot with absolute paths, as a document.
     """
-    file = next(path for path in (subject.folder / JOB, subject.folder / "shot.yaml") if path.is_file())
-    shot = load_shot(file)
+    shot = load_shot(_job_file(subject))
     if shot.capture is None:
         return {}
     document, count = absolute(shot), len(read_cameras(subject.folder / shot.capture.cameras))
@@ -43,6 +43,31 @@ def measured_sessions(subject: Subject, home: Path, absolute: Callable[[Shot], d
             sections = _with_errors(document, measured.errors, folder)
             sessions[row] = open_session(folder, document | {"evidence": evidence} | sections)
     return sessions
+
+
+def fitted_session(
+    subject: Subject, home: Path, absolute: Callable[[Shot], dict[str, Any]], knobs: Mapping[str, Any]
+) -> Session | None:
+    """The shot as a job that has its capture alone: a field is fitted, rendered and meshed; None without a capture.
+
+    Args:
+        subject: the shot.
+        home: folder of its evaluation.
+        absolute: as in `measured_sessions`.
+        knobs: of the fit.
+    """
+    shot = load_shot(_job_file(subject))
+    if shot.capture is None:
+        return None
+    folder = home / "fitted"
+    folder.mkdir(parents=True, exist_ok=True)
+    document = {k: v for k, v in absolute(shot).items() if k not in ("plate", "matte", "gbuffer", "proxy")}
+    evidence = {"use": True, "cameras": FITTED_CAMERAS, "every": shot.evidence.every}
+    return open_session(folder, document | {"gaussians": {"knobs": dict(knobs)}, "evidence": evidence})
+
+
+def _job_file(subject: Subject) -> Path:
+    return next(path for path in (subject.folder / JOB, subject.folder / "shot.yaml") if path.is_file())
 
 
 def _with_errors(document: Mapping[str, Any], errors: InputErrors, folder: Path) -> dict[str, Any]:

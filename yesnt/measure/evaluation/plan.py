@@ -26,6 +26,7 @@ from yesnt.measure.evaluation.scorer import (
 from yesnt.measure.evaluation.subjects import PROXY, RELIT, Subject, common_frames
 from yesnt.measure.evaluation.task_records import (
     BouncesTask,
+    FittedScoreTask,
     MaterialTask,
     MeasuredMaterialTask,
     MeasuredScoreTask,
@@ -67,6 +68,7 @@ class EvalPlan:
         probes: largest number of maps per shot for the term-by-term rows and the search of constants.
         lpips: the user's LPIPS weights.
         measured: row -> the same shot as a job that measures its materials by a capture; none without a capture.
+        fitted: the same shot as a job that has its capture alone; None if no field is to be fitted.
     """
 
     subject: Subject
@@ -76,6 +78,7 @@ class EvalPlan:
     probes: int = 3
     lpips: Path | None = None
     measured: Mapping[str, Session] = field(default_factory=dict)
+    fitted: Session | None = None
 
     @property
     def frames(self) -> tuple[int, ...]:
@@ -231,6 +234,17 @@ class EvalPlan:
         settings = {"materials": self._measured_keys(self.frames)}
         inputs = self._truth_files() | self._shot_files(self.frames)
         return self._node(MEASURED_MATERIAL, self.frames[:1], settings, inputs, [], Graph(), task)
+
+    def fitted_score(self, name: str, frame: int) -> Node:
+        """Scores the rows whose geometry is fitted."""
+        assert self.fitted is not None
+        graph = self.fitted.graph()
+        made = {stage.name: graph.committer(stage, frame).frame_key(frame) for stage in (DECOMPOSE, SOLVE)}
+        geometry = digest_of({"views": dict(self.fitted.resolved.digests), **self._relighting()})
+        task = FittedScoreTask(self.subject, name, geometry, self.fitted.job)
+        settings = self._relighting() | {"materials": made, "geometry": geometry}
+        inputs = self._picture_files(name, frame)
+        return self._node(StageId("fitted", part=name), (frame,), settings, inputs, [], Graph(), task)
 
     @property
     def _measured_jobs(self) -> dict[str, Job]:

@@ -19,7 +19,7 @@ Source = Literal[
     "own_flow",
     "measured",
 ]
-Group = Literal["table", "ablation", "separation", "evidence"]
+Group = Literal["table", "ablation", "separation", "evidence", "fitted"]
 
 FULL: Mapping[str, Any] = MappingProxyType({})
 PAPER = MappingProxyType({"base_color": "plate", "brdf": "paper", "bounce": 0, "edges": False, "pixel_filter": 0.0})

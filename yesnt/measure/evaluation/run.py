@@ -6,8 +6,9 @@ import json
 import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from yesnt.io.durable import sweep_partials, write_bytes, write_json
 from yesnt.io.jobfile import load_shot
 from yesnt.io.store import FrameStore
 from yesnt.measure.evaluation.constants import best_constants
-from yesnt.measure.evaluation.measured_jobs import measured_sessions, open_session
+from yesnt.measure.evaluation.measured_jobs import fitted_session, measured_sessions, open_session
 from yesnt.measure.evaluation.page import write_page
 from yesnt.measure.evaluation.plan import EvalPlan
 from yesnt.measure.evaluation.subjects import Subject, find_subjects
@@ -36,6 +37,7 @@ from yesnt.workflows.evaluate import (
     ablation_graph,
     constants_graph,
     evaluation_graph,
+    fitted_graph,
     materials_graph,
     measured_graph,
 )
@@ -56,6 +58,7 @@ class EvalOptions:
         weights: of the decomposition; None: as the shots say.
         quality: of the relighting; None: as the shots say.
         lpips: a state_dict of LPIPS with AlexNet, for the columns that need one.
+        fit_knobs: knobs of the Gaussian field that is fitted to every shot's capture; None: none is fitted.
         workers: worker processes; 0: everything in this process; None: the cluster profile's, or 2.
         cluster: where tasks run.
     """
@@ -68,6 +71,7 @@ class EvalOptions:
     weights: Path | None = None
     quality: str | None = None
     lpips: Path | None = None
+    fit_knobs: Mapping[str, Any] | None = None
     workers: int | None = None
     cluster: str = "local"
 
@@ -123,6 +127,8 @@ def run_evaluation(
         for plan in plans:
             drive_measured(plan, drive)
         for plan in plans:
+            drive_fitted(plan, drive)
+        for plan in plans:
             drive(plan, ablation_graph(plan))
     document = summarise(plans, constants)
     document |= measured_elsewhere(output)
@@ -141,6 +147,18 @@ def drive_measured(plan: EvalPlan, drive: _Drive) -> None:
         drive.product(session, plan.subject.name)
     if plan.measured:
         drive(plan, measured_graph(plan))
+
+
+def drive_fitted(plan: EvalPlan, drive: _Drive) -> None:
+    """Fits a field to the capture of a shot, takes plate, G-buffer and proxy from it, and scores what comes of them."""
+    if plan.fitted is None:
+        return
+    if plan.fitted.resolved.awaiting:
+        drive.made(plan.fitted, plan.subject.name)
+        plan.fitted.look_again()
+    if not plan.fitted.resolved.awaiting:
+        drive.product(plan.fitted, plan.subject.name)
+        drive(plan, fitted_graph(plan))
 
 
 def measured_elsewhere(output: Path) -> dict[str, Any]:
@@ -172,8 +190,13 @@ def open_plan(subject: Subject, output: Path, options: EvalOptions) -> EvalPlan:
         true = _absolute(shot, subject, options)
         true["decompose"] = {"path": str(subject.folder / "truth" / "material.####.exr")}
         session = open_session(home, true)
-    measured = {} if lacking else measured_sessions(subject, home, lambda shot: _absolute(shot, subject, options, True))
-    return EvalPlan(subject, session, lacking, options.thorough, options.probes, options.lpips, measured)
+    plan = EvalPlan(subject, session, lacking, options.thorough, options.probes, options.lpips)
+    if lacking:
+        return plan
+    with_capture = partial(_absolute, subject=subject, options=options, measured=True)
+    knobs = options.fit_knobs
+    fitted = None if knobs is None else fitted_session(subject, home, with_capture, knobs)
+    return replace(plan, measured=measured_sessions(subject, home, with_capture), fitted=fitted)
 
 
 def _absolute(shot: Shot, subject: Subject, options: EvalOptions, measured: bool = False) -> dict[str, Any]:
@@ -217,6 +240,10 @@ class _Drive:
     def product(self, session: Session, name: str) -> None:
         """Runs a job up to its materials."""
         self._run(session, materials_graph(session), name, {})
+
+    def made(self, session: Session, name: str) -> None:
+        """Runs what a job makes from Gaussian fields before it can read it."""
+        self._run(session, session.graph(), name, {})
 
     def _run(self, session: Session, graph: Graph, name: str, more: Mapping[str, str]) -> None:
         """Runs the nodes of a job that have no record; `more` are arrays that only the evaluation writes."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from yesnt.core.stage_id import StageId
 from yesnt.measure.evaluation.evidence_rows import EVIDENCE_ROWS
+from yesnt.measure.evaluation.fitted_rows import FITTED_ROWS
 from yesnt.measure.evaluation.margins import margins
 from yesnt.measure.evaluation.pictures import strip_name
 from yesnt.measure.evaluation.plan import MEASURED_MATERIAL, EvalPlan
@@ -19,7 +20,7 @@ from yesnt.metrics.definitions import DEFINITIONS
 from yesnt.metrics.image import decibels
 
 _SCORES = ("independent", "reference", "score", "ablation", "constant", "measured")
-"""Stages whose records hold scores of rows."""
+"""Stages whose records hold scores of rows; "fitted" too where a field was fitted."""
 
 Cells = dict[str, dict[str, dict[str, float]]]
 """Row -> "shot / map" -> metric -> value."""
@@ -36,6 +37,7 @@ def summarise(plans: Sequence[EvalPlan], constants: Mapping[str, Mapping[str, tu
         "separation": _separation(plans),
         "material": _material(plans),
         "measured": _measured(plans),
+        "geometry": _geometry(plans),
         "video": _video(plans),
         "worst": _worst(plans, cells),
         "definitions": {name: definition.text for name, definition in DEFINITIONS.items()},
@@ -59,7 +61,8 @@ def _cells(plans: Sequence[EvalPlan]) -> Cells:
     for plan in plans:
         for name, _ in plan.subject.maps:
             rows: dict[str, list[Mapping[str, float]]] = {}
-            for facts in _facts(plan, name, _SCORES):
+            stages = _SCORES if plan.fitted is None else (*_SCORES, "fitted")
+            for facts in _facts(plan, name, stages):
                 for row, numbers in facts["rows"].items():
                     rows.setdefault(row, []).extend([numbers] if numbers else [])
             for row, frames in rows.items():
@@ -95,7 +98,8 @@ def _shown_rows(plans: Sequence[EvalPlan]) -> list[Row]:
     """Rows of the tables; those of a capture only if a shot has one."""
     measured = {name for plan in plans for name in plan.measured}
     rows = [row for row in ROWS.values() if row.group != "separation"]
-    return rows + [row for row in EVIDENCE_ROWS.values() if row.name in measured]
+    rows += [row for row in EVIDENCE_ROWS.values() if row.name in measured]
+    return rows + (list(FITTED_ROWS.values()) if any(plan.fitted is not None for plan in plans) else [])
 
 
 def _measured(plans: Sequence[EvalPlan]) -> dict[str, Any]:
@@ -114,6 +118,16 @@ def _measured(plans: Sequence[EvalPlan]) -> dict[str, Any]:
         for row in rows
     }
     return {"mean": mean, "shots": shots}
+
+
+def _geometry(plans: Sequence[EvalPlan]) -> dict[str, Any]:
+    """Errors of the fitted geometry of each shot: means over its scored frames."""
+    found: dict[str, Any] = {}
+    for plan in plans:
+        frames = [facts["geometry"] for name, _ in plan.subject.maps for facts in _facts(plan, name, ("fitted",))]
+        if frames and plan.fitted is not None:
+            found[plan.subject.name] = _mean(frames)
+    return found
 
 
 def _row(row: Row, plans: Sequence[EvalPlan], cells: Cells) -> dict[str, Any]:

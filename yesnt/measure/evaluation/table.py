@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import fmean
 from typing import Any
 
+from yesnt.measure.evaluation.fitted_rows import COUNTERPARTS
 from yesnt.measure.evaluation.margins import PAPER, PAPER_VIDEO
 from yesnt.metrics.definitions import DEFINITIONS
 
@@ -48,6 +50,7 @@ def tables(document: Mapping[str, Any]) -> tuple[Table, ...]:
         for table in (
             _rows(document, "table", "Accuracy, mean ± std over object x map", MAIN),
             _measured(document),
+            _fitted(document),
             _margins(document),
             _separation(document),
             _rows(
@@ -233,6 +236,30 @@ def _measured(document: Mapping[str, Any]) -> Table:
         "RMSE and AUC of materials after the temporal solve, mean over shots; Spearman of the spread before it",
     )
     return Table("Materials measured by a capture", ("row", "pairs", *_titles(metrics), *head), tuple(lines), notes)
+
+
+def _fitted(document: Mapping[str, Any]) -> Table:
+    """Rows from cameras alone, and what each loses against the same materials on the given geometry."""
+    found, lines, metrics = {row["name"]: row for row in document["rows"]}, [], ("psnr", "ssim", "flip")
+    for one in COUNTERPARTS if COUNTERPARTS[0].row.name in found else ():
+        row, own = found[one.row.name], document["cells"].get(one.row.name, {})
+        given = document["cells"].get(one.given, {})
+        losses = [given[cell]["psnr"] - value["psnr"] for cell, value in own.items() if cell in given]
+        loss = f"{fmean(losses):.2f}" if losses else "-"
+        lines.append((row["title"], str(len(own)), *(number(m, row["values"].get(m)) for m in metrics), loss))
+    geometry = document.get("geometry", {}).items()
+    shots = [
+        f"{shot}: normals {e['normals']:.1f} degrees, z {e['depth']:.1f} mm ({e['bias']:+.1f}), matte {e['matte']:.3f}"
+        for shot, e in geometry
+    ]
+    notes = (
+        "Cost of geometry [dB]: mean PSNR of the same materials on given plate, G-buffer and proxy, minus this row's",
+        *(f"{one.row.title}: {one.row.definition}; against the row {one.given}" for one in COUNTERPARTS),
+        "Fitted geometry (medians inside the given matte, z with its bias; matte: mean error where either covers). "
+        + "; ".join(shots),
+    )
+    head = ("row", "pairs", *_titles(metrics), "cost of geometry, dB")
+    return Table("From the cameras of a capture alone", head, tuple(lines), notes)
 
 
 _MEASURED = (

@@ -106,6 +106,19 @@ class MeasuredScoreTask(MapTask):
 
 
 @dataclass(frozen=True)
+class FittedScoreTask(MapTask):
+    """Scores a shot whose plate, G-buffer and proxy come from a fitted field.
+
+    Attributes:
+        geometry: digest of the fitted views; keys the scene that a worker keeps.
+        fitted: the job that fitted the field and measured the materials.
+    """
+
+    geometry: str
+    fitted: Job
+
+
+@dataclass(frozen=True)
 class ScoreTask(MapTask):
     """Scores rows of the table on one frame.
 

@@ -8,10 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from tests.decompose.evidence.test_likelihood import random_case
 from tests.gaussians.scenes import random_field, view_at
 from tests.relight.scenes import sky
 from tests.relight.test_kernels import pixels
 from yesnt.decompose.embedded import EmbeddedBackend
+from yesnt.decompose.evidence.fit import negative_log_likelihood
+from yesnt.decompose.evidence.settings import EvidenceSettings
+from yesnt.decompose.evidence.torch_fit import negative_log_likelihood_torch
 from yesnt.decompose.global_context import ContextBatch
 from yesnt.gaussians.rasterise import arrays_of, backpropagate, pinhole_of, rasterise
 from yesnt.gaussians.torch_render import TorchField, render_tiles
@@ -43,7 +47,7 @@ def paths(small: bool) -> list[Path]:
     """All paths; `small` takes a second on a CPU and is for the test of this script."""
     lobes = [lobe_path(64 if small else 2000, brdf) for brdf in ("default", "paper")]
     size, count = ((45, 37), 40) if small else ((96, 64), 400)
-    return [*lobes, *gaussian_paths(size, count), *model_paths(64)]
+    return [*lobes, evidence_path(64 if small else 4000), *gaussian_paths(size, count), *model_paths(64)]
 
 
 def lobe_path(count: int, brdf: str) -> Path:
@@ -57,6 +61,18 @@ def lobe_path(count: int, brdf: str) -> Path:
         f"relight lobe sums, {brdf}",
         lambda: {"sums": sum_lobes(lobes, light, hidden, bounce, filtered)},
         lambda device: {"sums": sum_lobes_torch(lobes, light, hidden, bounce, filtered, device)},
+        1e-4,
+    )
+
+
+def evidence_path(count: int) -> Path:
+    """Likelihood of the evidence (`evidence: {knobs: {engine: torch}}`) of points that five cameras see."""
+    seen, of = random_case(count)
+    settings = EvidenceSettings()
+    return Path(
+        "evidence, likelihood",
+        lambda: {"cost": negative_log_likelihood(seen, of, settings)},
+        lambda device: {"cost": negative_log_likelihood_torch(seen, of, settings, device)},
         1e-4,
     )
 

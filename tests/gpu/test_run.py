@@ -11,7 +11,7 @@ from tests.gpu.paths import Path
 def test_all_paths_agree_on_the_cpu(capsys) -> None:
     assert run.main(["--device", "cpu", "--small"]) == run.AGREE
     lines = capsys.readouterr().out.splitlines()
-    assert len(lines) == 2 + 5
+    assert len(lines) == 2 + 6
     assert not [line for line in lines if "DIFFERS" in line]
 
 

@@ -33,10 +33,10 @@ def trade(
         text.print_json(document)
         return 0 if document["choice"] else 1
     text.print_table(
-        ("stage", "setting", "s per frame", "evaluations", "error"),
+        ("stage", "setting", "s per frame", "evaluations", "error", "error to truth"),
         (
             (p["stage"], p["name"], f"{p['seconds']:.2f}", f"{p['evaluations']:.0f}" if p["evaluations"] else "",
-             f"{p['error']:.5f}")
+             f"{p['error']:.5f}", "" if p["truth"] is None else f"{p['truth']:.5f}")
             for p in document["points"]
         ),
     )  # fmt: skip

@@ -205,7 +205,7 @@ def finish_edges(relit: RelitFrame, guide: F32, surface: Surface, settings: Reli
     return replace(relit, diffuse=diffuse, specular=specular)
 
 
-def _engine(settings: RelightSettings) -> Callable[..., F32]:
+def lobe_engine(settings: RelightSettings) -> Callable[..., F32]:
     """The function that sums lobes: compiled by Numba, or by torch."""
     if settings.engine == "numba":
         return sum_lobes
@@ -245,7 +245,7 @@ def integrate_under(
         hidden, radiance = occlusion(occluders, pixels, band, light, indirect, settings)
         lobes = pixels.lobes(part, settings.brdf, settings.diffuse)
         plain = settings.brdf == "paper"
-        sums = _engine(settings)(lobes, light, hidden, radiance, not plain)
+        sums = lobe_engine(settings)(lobes, light, hidden, radiance, not plain)
         if settings.shadows == "single":
             sums[:, LIT] *= single_factor(occluders, pixels, part, light, settings)
         tiles.append(sums if plain else normalise(sums, pixels, part, settings.diffuse))

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from yesnt.capture.files import camera_files
 from yesnt.capture.pictures import read_view
 from yesnt.decompose.evidence.records import FrameEvidence, View
-from yesnt.decompose.reuse import Link, propagate_keyframe
+from yesnt.decompose.reuse import Link
 from yesnt.io.calibrations.registry import calibration_files
 from yesnt.io.cameras import CalibratedCamera, World, calibration_path, calibration_roles, read_cameras
 from yesnt.planning import settings as of
 from yesnt.planning.stages import DECOMPOSE, EVIDENCE, FLOW
 from yesnt.planning.task_records import CarryEvidenceTask, MeasureTask
 from yesnt.tasks.inputs import prove_input
-from yesnt.tasks.light import LightFiles, captured_light
+from yesnt.tasks.light import LightFiles
 from yesnt.tasks.workspace import Workspace
 
 F32 = NDArray[np.float32]
@@ -36,9 +36,10 @@ MOST_MOVED = 0.05
 
 def measure_materials(space: Workspace[MeasureTask]) -> None:
     """Commits the materials of a frame as its cameras measure them, and the number of cameras of each pixel."""
-    from yesnt.decompose.evidence.frame import EvidenceInputs, measure_frame
+    from yesnt.decompose.evidence.frame import measure_frame
     from yesnt.relight import ProxyScene
     from yesnt.tasks import relight_inputs
+    from yesnt.tasks.evidence_inputs import evidence_inputs
 
     job, frame, camera = space.job, space.frame, space.camera()
     mean, spread = (space.read(DECOMPOSE, name, frame) for name in ("observed", "spread"))
@@ -50,16 +51,13 @@ def measure_materials(space: Workspace[MeasureTask]) -> None:
     settings = of.relight_settings(job.shot)
     with space.kernel():
         proxy = relight_inputs.proxy_scene(mesh, ProxyScene)
-        assert proxy is not None, "the job file's check"
-        surface = relight_inputs.RelightInputs(plate, seen, camera, frame, proxy).surface(mean)
-        light = captured_light(LightFiles(job, frame, space.node.inputs), surface, settings)
-        inputs = EvidenceInputs(plate.color, surface, spread, views, proxy, light)
+        bare = relight_inputs.RelightInputs(plate, seen, camera, frame, proxy)
+        inputs = evidence_inputs(bare, (mean, spread), views, LightFiles(job, frame, space.node.inputs), settings)
         found = measure_frame(inputs, settings, of.evidence_settings(job.shot))
     _commit(space, found)
 
 
 def _commit(space: Workspace[MeasureTask], found: FrameEvidence) -> None:
-    channels = {"measured": found.mean, "measured_spread": found.std, "views": found.views[None]}
     matte = space.matte(space.frame)
     shown = float(found.views[matte].mean()) if matte.any() else 0.0
     without = {f"{WITHOUT} {name}": int(matte.sum()) for name in found.left_out}
@@ -69,7 +67,7 @@ def _commit(space: Workspace[MeasureTask], found: FrameEvidence) -> None:
     }  # fmt: skip
     if found.moved > MOST_MOVED * matte.sum():
         without[MOVED] = found.moved
-    space.commit(space.frame, channels, facts=facts | ({"clamped": without} if without else {}))
+    space.commit(space.frame, _channels(found), facts=facts | ({"clamped": without} if without else {}))
 
 
 def _views(space: Workspace[MeasureTask]) -> list[View]:
@@ -99,25 +97,23 @@ def _cameras(path: Path, world: World, digests: tuple[str, ...]) -> Mapping[str,
 
 
 def carry_materials(space: Workspace[CarryEvidenceTask]) -> None:
-    """Commits a later frame's measured materials along the flow; where that does not reach, the frame's own estimate.
+    """Commits a later frame's measured materials along the flow; elsewhere the frame's own estimate."""
+    from yesnt.decompose.evidence.carry import carried_evidence
 
-    What is carried was measured, so it is never less certain than the model: its spread stays.
-    """
     job, frame, keyframe = space.job, space.frame, space.task.keyframe
     way = job.frames[job.position(frame) : job.position(keyframe)]
     links = [Link(space.read(FLOW, "flow", f).transpose(1, 2, 0), space.read(FLOW, "validity", f)[0]) for f in way]
     mattes = [space.matte(f) for f in (*way, keyframe)]
-    own = [space.read(DECOMPOSE, name, frame) for name in ("observed", "spread")]
+    own = space.read(DECOMPOSE, "observed", frame), space.read(DECOMPOSE, "spread", frame)
     mean, spread, views = (space.read(EVIDENCE, name, keyframe) for name in ("measured", "measured_spread", "views"))
     with space.kernel():
-        planes = np.concatenate([mean, views]), np.concatenate([spread, np.zeros_like(views)])
-        carried = propagate_keyframe(*planes, links, mattes, of.ensemble_settings(job.shot))
-        count = np.where(carried.known, np.rint(carried.mean[2]), 0)
-        known = count >= of.evidence_settings(job.shot).least_views
-        channels = {
-            "measured": np.where(known, carried.mean[:2], own[0]),
-            "measured_spread": np.where(known, carried.std[:2], own[1]),
-            "views": np.where(known, count, 0)[None].astype(np.float32),
-        }
+        least = of.evidence_settings(job.shot).least_views
+        measured, reuse = FrameEvidence(mean, spread, views[0], {}, {}), of.ensemble_settings(job.shot)
+        found = carried_evidence(measured, own, (links, mattes), reuse, least)
     matte = mattes[0]
-    space.commit(frame, channels, facts={"views": float(channels["views"][0][matte].mean()) if matte.any() else 0.0})
+    shown = float(found.views[matte].mean()) if matte.any() else 0.0
+    space.commit(frame, _channels(found), facts={"views": shown})
+
+
+def _channels(found: FrameEvidence) -> dict[str, F32]:
+    return {"measured": found.mean, "measured_spread": found.std, "views": found.views[None]}

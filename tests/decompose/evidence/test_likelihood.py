@@ -53,11 +53,12 @@ def test_the_grid_is_the_tables_and_as_many_candidates_as_are_asked_for() -> Non
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"step": 3}, "step 3 must be 1, 2 or 4"),
+        ({"step": 3}, "step 3 must be one of 1, 2, 4"),
         ({"roughness_levels": 1}, r"roughness_levels 1 must be in 2 \.\. 64"),
         ({"radius": 2.5}, "radius 2.5 must be a whole number"),
-        ({"passes": 0}, "passes 0 is too small"),
+        ({"passes": 0}, r"passes 0 must be in 1 \.\. 16"),
         ({"temper": 0.0}, "temper 0.0 must be above 0"),
+        ({"engine": "cuda"}, "engine cuda must be one of numba, torch"),
     ],
 )
 def test_settings_that_cannot_be_used_are_refused(changes, message) -> None:

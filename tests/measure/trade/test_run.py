@@ -68,7 +68,7 @@ def test_the_last_variant_of_a_stage_is_its_reference_and_jobs_are_valid():
 def command(monkeypatch):
     """`yesnt trade` with the measurement replaced: (run it, the options that it passed on)."""
     passed = []
-    points = [{"stage": "flow", "name": "dis-fast", "seconds": 0.5, "error": 0.0125, "evaluations": 0.0}]
+    points = [{"stage": "flow", "name": "dis-fast", "seconds": 0.5, "error": 0.0125, "evaluations": 0.0, "truth": None}]
     choice = {"names": {"flow": "dis-fast"}, "seconds": 0.5, "error": 0.0125}
 
     def measured(session, options, listen):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,7 +25,7 @@ from yesnt.decompose.evidence.observe import (
 )
 from yesnt.decompose.evidence.pool import Neighbourhood, pooled
 from yesnt.decompose.evidence.posterior import log_prior, metallic_shares, moments, posterior
-from yesnt.decompose.evidence.records import FrameEvidence, Observations, View
+from yesnt.decompose.evidence.records import FrameEvidence, Observations, Responses, View
 from yesnt.decompose.evidence.responses import CaptureScene, LitPoints, lit_points, probe_points, responses
 from yesnt.decompose.evidence.settings import EvidenceSettings, roughness_levels
 from yesnt.decompose.evidence.triangles import proxy_size, shown_radiance
@@ -109,7 +109,7 @@ def _scene(
     inputs: EvidenceInputs, pixels: Pixels, views: list[SeenView], relight: RelightSettings, settings: EvidenceSettings
 ) -> CaptureScene:
     """The light with what occludes it: always the proxy, whatever shadows relighting draws."""
-    relight = replace(relight, shadows=True)
+    relight = replace(relight, shadows=True, engine=settings.engine)
     occluders = find_occluders(inputs.surface, pixels, inputs.proxy, relight)
     shown = shown_radiance(inputs.proxy, views, settings)
     return CaptureScene(inputs.light, occluders, shown, relight)
@@ -253,7 +253,7 @@ class _Frame:
     def _cost(self, points: LitPoints, samples: list[Sample]) -> F32:
         """Minus the log likelihood [N, R * M] of points that the cameras saw so."""
         of = responses(points, samples, self._scene, roughness_levels(self._settings))
-        cost = negative_log_likelihood(self._weighed(points, samples), of, self._settings)
+        cost = _likelihood(self._settings)(self._weighed(points, samples), of, self._settings)
         return cost.reshape(len(cost), -1)
 
     def _observations(self, samples: list[Sample]) -> Observations:
@@ -296,6 +296,15 @@ class _Frame:
             np.concatenate([tile.fitted for tile in held]).astype(np.uint8),
             self._pixels.position[part], self._pixels.normal[part], self._scene.occluders.footprint[part],
         )  # fmt: skip
+
+
+def _likelihood(settings: EvidenceSettings) -> Callable[[Observations, Responses, EvidenceSettings], F32]:
+    """The function that computes the likelihood: compiled by Numba, or by torch."""
+    if settings.engine == "numba":
+        return negative_log_likelihood
+    from yesnt.decompose.evidence.torch_fit import negative_log_likelihood_torch  # torch costs seconds to import
+
+    return negative_log_likelihood_torch
 
 
 def _plane(values: NDArray[np.floating], shape: tuple[int, int]) -> F32:

@@ -17,7 +17,8 @@ from yesnt.decompose.evidence.records import Responses
 from yesnt.relight.albedo import energy_terms
 from yesnt.relight.brdf import F0_DIELECTRIC
 from yesnt.relight.combine import normalise
-from yesnt.relight.kernels import DIELECTRIC, IRRADIANCE, METAL_F0, METAL_F90, sum_lobes
+from yesnt.relight.frame import lobe_engine
+from yesnt.relight.kernels import DIELECTRIC, IRRADIANCE, METAL_F0, METAL_F90
 from yesnt.relight.lights import PreparedLight
 from yesnt.relight.occlusion import SHARP, Occluders, trace_mirrored
 from yesnt.relight.points import Pixels
@@ -164,7 +165,7 @@ class _ViewedLight:
         pixels = replace(p, roughness=roughness)
         whole, plain = slice(0, len(roughness)), settings.brdf == "paper"
         lobes = pixels.lobes(whole, settings.brdf, settings.diffuse)
-        sums = sum_lobes(lobes, self._scene.light, *self._occlusion_at(pixels), not plain)
+        sums = lobe_engine(settings)(lobes, self._scene.light, *self._occlusion_at(pixels), not plain)
         return _paper(sums) if plain else _layered(normalise(sums, pixels, whole, settings.diffuse), pixels)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import Literal
 
 import numpy as np
 
@@ -12,8 +13,10 @@ ROUGHNESS = (0.05, 0.12, 0.2, 0.3, 0.42, 0.56, 0.75, 1.0)
 METALLIC = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Candidates of metallic."""
 
-MOST_LEVELS = 64
-"""Most candidates of one quantity."""
+_RANGES = {
+    "roughness_levels": (2, 64), "metallic_levels": (2, 64), "radius": (0, 64), "least_views": (1, 256),
+    "steps": (1, 64), "passes": (1, 16), "independent": (1, 1_000_000), "tile": (64, 1_000_000),
+}  # fmt: skip
 
 METALLIC_PRIOR = (0.0023, 0.0213)
 """Parameters a, b of a Beta distribution, fitted to the metallic of 400,000 pixels that the generator of training data
@@ -73,6 +76,7 @@ class EvidenceSettings:
         roughness_levels: candidates of roughness, at least 2; other numbers than 8 are spread as `ROUGHNESS` is.
         metallic_levels: candidates of metallic, evenly spread, at least 2.
         tile: pixels that are measured together; bounds memory.
+        engine: "numba" on the processor; "torch" on CUDA if there is one: responses and likelihood, equal to rounding.
     """
 
     relative: float = 0.05
@@ -106,6 +110,7 @@ class EvidenceSettings:
     roughness_levels: int = len(ROUGHNESS)
     metallic_levels: int = len(METALLIC)
     tile: int = 4096
+    engine: Literal["numba", "torch"] = "numba"
 
     def __post_init__(self) -> None:
         """Checks the ranges.
@@ -116,14 +121,12 @@ class EvidenceSettings:
         for field in fields(self):
             if isinstance(field.default, int) and type(getattr(self, field.name)) is not int:
                 raise ValueError(f"{field.name} {getattr(self, field.name)} must be a whole number")
-        if self.step not in (1, 2, 4):
-            raise ValueError(f"step {self.step} must be 1, 2 or 4")
-        for name in ("roughness_levels", "metallic_levels"):
-            if not 2 <= getattr(self, name) <= MOST_LEVELS:
-                raise ValueError(f"{name} {getattr(self, name)} must be in 2 .. {MOST_LEVELS}")
-        for name in ("radius", "least_views", "independent", "passes"):
-            if getattr(self, name) < (name != "radius"):
-                raise ValueError(f"{name} {getattr(self, name)} is too small")
+        for name, choices in (("engine", ("numba", "torch")), ("step", (1, 2, 4))):
+            if getattr(self, name) not in choices:
+                raise ValueError(f"{name} {getattr(self, name)} must be one of {', '.join(map(str, choices))}")
+        for name, (low, high) in _RANGES.items():
+            if not low <= getattr(self, name) <= high:
+                raise ValueError(f"{name} {getattr(self, name)} must be in {low} .. {high}")
         for name in ("relative", "floor", "freedom", "temper", "window", "chroma", "pattern", "intensity", "turn"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} {getattr(self, name)} must be above 0")

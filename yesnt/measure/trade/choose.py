@@ -20,6 +20,8 @@ class Point:
         seconds: processor seconds per frame.
         error: root mean square display difference of the relit frame from the one under the stage's reference.
         evaluations: network evaluations (NFE) per frame.
+        truth: the same difference from what true materials give, for a stage that decides on materials; None if the
+            shot has no truth.
     """
 
     stage: str
@@ -27,6 +29,7 @@ class Point:
     seconds: float
     error: float
     evaluations: float = 0.0
+    truth: float | None = None
 
 
 @dataclass(frozen=True)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from yesnt.decompose.reuse import Link, propagate_keyframe
 from yesnt.decompose.settings import EnsembleSettings, keyframe_after
 from yesnt.io import shot_inputs
 from yesnt.io.pictures.shot_raster import shot_camera
+from yesnt.measure.evaluation.subjects import Subject
 from yesnt.planning import settings as of
 from yesnt.relight import ProxyScene, RelightSettings
 from yesnt.runtime.session import Session
@@ -45,6 +47,21 @@ class Spent:
             yield
         finally:
             self.seconds += time.process_time() - start
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a variant shows and costs.
+
+    Attributes:
+        shown: [n, 3] display-referred, of the pixels that are compared.
+        seconds: processor seconds per frame.
+        evaluations: network evaluations (NFE) per frame.
+    """
+
+    shown: Float32
+    seconds: float
+    evaluations: float = 0.0
 
 
 @dataclass
@@ -125,16 +142,25 @@ class Harness:
             value = solve(mean, weight, flow, validity, of.energy_params(shot), self.mattes, tolerance).value
         return value, spent
 
-    def shown(self, material: Float32, quality: str) -> tuple[Float32, Spent]:
-        """The middle frame relit, display-referred [n, 3] inside the matte.
+    @property
+    def middle(self) -> int:
+        """Position of the frame that stands for all."""
+        return len(self.frames) // 2
+
+    def bare(self, position: int) -> RelightInputs:
+        """Plate in the working space, G-buffer and camera of a frame, without its proxy."""
+        job, frame = self.session.job, self.frames[position]
+        gbuffer = shot_inputs.read_surface(job, frame, self._camera)
+        return RelightInputs(shot_inputs.read_plate(job, frame, working=True), gbuffer, self._camera, frame, None)
+
+    def shown(self, material: Float32, quality: str, position: int | None = None) -> tuple[Float32, Spent]:
+        """A frame relit, by default the middle one, display-referred [n, 3] inside the matte.
 
         Preparing the lights is not counted: it is done once per shot, not once per frame.
         """
-        middle, settings, spent = len(self.frames) // 2, self._relight_settings(quality), Spent()
-        job, frame, planes = self.session.job, self.frames[middle], material[:, middle]
-        gbuffer = shot_inputs.read_surface(job, frame, self._camera)
-        plate = shot_inputs.read_plate(self.session.job, frame, working=True)
-        bare = RelightInputs(plate, gbuffer, self._camera, frame, None)
+        position = self.middle if position is None else position
+        settings, spent, bare = self._relight_settings(quality), Spent(), self.bare(position)
+        job, frame, planes = self.session.job, self.frames[position], material[:, position]
         lights = prepared_lights(LightFiles.read(job, frame), bare.surface(planes), settings)
         with spent.counted():
             inputs = replace(bare, proxy=proxy_scene(read_proxy(job, frame), ProxyScene))
@@ -154,3 +180,15 @@ class Harness:
             weights = of.weights_path(self.session.job.root, shot)
             self._backends = {key: open_backend(shot.decompose.backend, weights, shot.decompose.accept_license, knobs)}
         return self._backends[key]
+
+
+def true_materials(harness: Harness, positions: Sequence[int]) -> Float32 | None:
+    """True roughness and metallic [2, T, H, W], known at some positions and 0 elsewhere; None without truth."""
+    root = Path(harness.session.job.root)
+    subject, frames = Subject(root, root.name, ()), harness.frames
+    if not all(subject.material_path(frames[p]).is_file() for p in positions):
+        return None
+    planes = np.zeros((2, *harness.mattes.shape), np.float32)
+    for p in positions:
+        planes[:, p] = subject.read_material(frames[p], harness.plates[p].matte).planes
+    return planes

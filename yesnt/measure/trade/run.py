@@ -5,19 +5,32 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from yesnt.core.errors import UsageError
 from yesnt.io.durable import write_bytes, write_json
 from yesnt.measure.trade.choose import Point, cheapest
-from yesnt.measure.trade.harness import Harness, Spent
+from yesnt.measure.trade.evidence import EvidenceRunner
+from yesnt.measure.trade.harness import Found, Harness, true_materials
 from yesnt.measure.trade.plot import plot_svg
-from yesnt.measure.trade.variants import Variant, variants
+from yesnt.measure.trade.variants import STAGES, Variant, variants
 from yesnt.runtime.session import Session
 
 Listener = Callable[[str], None]
+
+
+class Runner(Protocol):
+    """Runs the variants of a stage."""
+
+    def __call__(self, variant: Variant) -> Found:
+        """What a variant shows and costs."""
+        ...
+
+    def truth(self, stage: str) -> np.ndarray | None:
+        """What true materials show instead; None if it is not known or the stage does not decide on them."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -39,7 +52,8 @@ def run_trade(session: Session, options: TradeOptions, listen: Listener = lambda
     """Measures every variant; writes `trade.json` and `trade.svg` into the run folder; returns the document.
 
     Error is the root mean square difference, display-referred and inside the matte, between the middle frame relit with
-    the variant and with the stage's reference, all other stages alike. Seconds are of this processor, one thread.
+    the variant and with the stage's reference, all other stages alike; of the evidence it is that of all frames. The
+    other stages are measured without the evidence. Seconds are of this processor, one thread.
 
     Raises:
         UsageError: the shot reads its materials from passes, or has too few frames.
@@ -51,16 +65,13 @@ def run_trade(session: Session, options: TradeOptions, listen: Listener = lambda
     steps = (1, 2, 4) if session.job.shot.decompose.backend == "embedded" else ()
     points, tried = [], variants(steps)
     base = next(v for v in tried if v.stage == "decompose")
-    measure = _VariantRunner(harness, base)
-    for stage in dict.fromkeys(v.stage for v in tried):
+    runners: dict[str, Runner] = dict.fromkeys(STAGES, _VariantRunner(harness, base))
+    if (measured := EvidenceRunner.of(session, harness.frames, base)) is not None:
+        runners["evidence"] = measured
+        tried += measured.variants
+    for stage in sorted({v.stage for v in tried}, key=STAGES.index):
         of_stage = [v for v in tried if v.stage == stage]
-        reference, cost = measure(of_stage[-1])
-        points.append(_point(of_stage[-1], cost, 0.0, len(harness.frames)))
-        for variant in of_stage[:-1]:
-            shown, cost = measure(variant)
-            error = float(np.sqrt(np.mean((shown - reference) ** 2, dtype=np.float64)))
-            points.append(_point(variant, cost, error, len(harness.frames)))
-            listen(f"{stage}: {variant.name}: {points[-1].seconds:.2f} s per frame, error {error:.5f}")
+        points += _points(of_stage, runners[stage], listen)
     choice = cheapest(points, options.error, options.seconds)
     jobs = {(v.stage, v.name): v.job for v in tried}
     document = {
@@ -77,6 +88,18 @@ def run_trade(session: Session, options: TradeOptions, listen: Listener = lambda
     return document | {"files": [str(folder / "trade.json"), str(folder / "trade.svg")]}
 
 
+def _points(variants: list[Variant], run: Runner, listen: Listener) -> list[Point]:
+    """The points of one stage, its reference first."""
+    *others, best = variants
+    reference, true = run(best), run.truth(best.stage)
+    points = [_point(best, reference, reference.shown, true)]
+    for variant in others:
+        points.append(_point(variant, run(variant), reference.shown, true))
+        found = points[-1]
+        listen(f"{found.stage}: {found.name}: {found.seconds:.2f} s per frame, error {found.error:.5f}")
+    return points
+
+
 class _VariantRunner:
     """Runs a variant; results of the other stages are cached."""
 
@@ -84,8 +107,14 @@ class _VariantRunner:
         self._harness, self._base = harness, base
         self._observed: dict[str, Any] = {}
 
-    def __call__(self, variant: Variant) -> tuple[np.ndarray, Spent]:
-        """The middle frame under a variant, and the cost of its stage for all frames."""
+    def truth(self, stage: str) -> np.ndarray | None:
+        """The middle frame relit with true materials, for the stage that decides on them; None without truth."""
+        harness = self._harness
+        planes = true_materials(harness, (harness.middle,)) if stage == "decompose" else None
+        return None if planes is None else harness.shown(planes, self._base.quality)[0]
+
+    def __call__(self, variant: Variant) -> Found:
+        """The middle frame under a variant, and the cost of its stage."""
         harness, base = self._harness, self._base
         own = variant if variant.stage == "decompose" else base
         if own.name not in self._observed:
@@ -96,11 +125,18 @@ class _VariantRunner:
         shown, relit = harness.shown(fused, variant.quality)
         relit.seconds *= len(harness.frames)  # one frame was relit
         costs = {"decompose": drawn, "flow": harness.links(variant.method)[1], "solve": solved, "relight": relit}
-        return shown, costs[variant.stage]
+        cost, frames = costs[variant.stage], len(harness.frames)
+        return Found(shown, cost.seconds / frames, cost.evaluations / frames)
 
 
-def _point(variant: Variant, cost: Spent, error: float, frames: int) -> Point:
-    return Point(variant.stage, variant.name, cost.seconds / frames, error, cost.evaluations / frames)
+def _point(variant: Variant, found: Found, reference: np.ndarray, true: np.ndarray | None) -> Point:
+    error = _difference(found.shown, reference)
+    from_truth = None if true is None else _difference(found.shown, true)
+    return Point(variant.stage, variant.name, found.seconds, error, found.evaluations, from_truth)
+
+
+def _difference(one: np.ndarray, other: np.ndarray) -> float:
+    return float(np.sqrt(np.mean((one - other) ** 2, dtype=np.float64)))
 
 
 def _middle(session: Session, count: int) -> tuple[int, ...]:

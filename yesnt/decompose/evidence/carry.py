@@ -1,0 +1,42 @@
+"""Measured materials of a keyframe taken to an earlier frame along the flow."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yesnt.decompose.evidence.records import FrameEvidence
+from yesnt.decompose.reuse import Link, propagate_keyframe
+from yesnt.decompose.settings import EnsembleSettings
+
+F32 = NDArray[np.float32]
+
+
+def carried_evidence(
+    found: FrameEvidence,
+    own: tuple[F32, F32],
+    way: tuple[Sequence[Link], Sequence[NDArray[np.bool_]]],
+    reuse: EnsembleSettings,
+    least_views: int,
+) -> FrameEvidence:
+    """Materials of the earlier frame; where the flow does not reach, the model's estimate of that frame.
+
+    What is carried was measured, so it is never less certain than the model: its spread stays.
+
+    Args:
+        found: mean and std [2, H, W] and views [H, W] of the keyframe.
+        own: the model's mean and standard deviation [2, H, W] in the earlier frame.
+        way: flow from the earlier frame to the keyframe, in order of time, and the mattes of all these frames.
+        reuse: thresholds of validity and confidence.
+        least_views: cameras from which a pixel counts as measured.
+    """
+    links, mattes = way
+    views = found.views[None]
+    planes = np.concatenate([found.mean, views]), np.concatenate([found.std, np.zeros_like(views)])
+    carried = propagate_keyframe(*planes, links, mattes, reuse)
+    count = np.where(carried.known, np.rint(carried.mean[2]), 0)
+    known = count >= least_views
+    mean, std = (np.where(known, a[:2], b) for a, b in zip((carried.mean, carried.std), own, strict=True))
+    return FrameEvidence(mean, std, np.where(known, count, 0).astype(np.float32), {}, {})

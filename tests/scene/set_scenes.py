@@ -45,7 +45,7 @@ def camera(size=(24, 32)):
 
 
 def material(color=0.5, roughness=0.8, metallic=0.0):
-    return SetMaterial(np.full(3, color, np.float32), roughness, metallic)
+    return SetMaterial(np.broadcast_to(np.float32(color), 3).copy(), roughness, metallic)
 
 
 def box(low=(-0.4, -0.4, 0.0), high=(0.4, 0.4, 1.0)):

@@ -7,14 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.relight.scenes import sky
+from tests.relight.scenes import box_mesh, sky
 from tests.scene.set_scenes import GROUND, box, camera, material, scene, view
 from yesnt.relight import brdf as reference
 from yesnt.relight.lights import prepare_light, uniform_light
 from yesnt.relight.proxy import OPEN, ProxyScene
 from yesnt.relight.settings import RelightSettings
 from yesnt.scene.light_samples import light_samples
+from yesnt.scene.set_brdf import set_brdf
+from yesnt.scene.set_kernels import SampleHits, sum_samples
 from yesnt.scene.set_light import AGREE, light_set, without_occlusion
+from yesnt.scene.set_rays import Met, SetRays, totals
 
 SETTINGS = RelightSettings()
 PAPER = RelightSettings(brdf="paper")
@@ -145,3 +148,41 @@ def test_a_sum_over_texels_without_occlusion_is_what_relighting_computes(white):
     assert GROUND.height == 0
     assert np.all(free[:, :3] < 0.18 + 1e-4)
     assert np.all(free.sum(axis=1) > 3 * 0.18 * 0.9)
+
+
+@pytest.mark.parametrize(("brdf", "diffuse"), [("default", "lambert"), ("default", "disney"), ("paper", "lambert")])
+@pytest.mark.parametrize("sharp", [False, True])
+def test_the_compiled_sum_over_rays_is_the_numpy_one(light, brdf, diffuse, sharp):
+    seen, rng = view(material([0.7, 0.5, 0.2], 0.35, 0.4)), np.random.default_rng(1)
+    samples, count = light_samples(light).weak, 500
+    up = np.flatnonzero(samples.direction[2] > 0)
+    pixel, sample = np.sort(rng.integers(0, 12, count)), rng.choice(up, count)
+    shader = set_brdf(seen.pixels, seen.color, RelightSettings(brdf=brdf, diffuse=diffuse))
+    subject, beside = rng.random((2, count)) > 0.5
+    sent = rng.random((2, count, 3)).astype(np.float32)
+    found, picks = np.zeros((12, 9)), pixel + 40
+    hits = SampleHits(pixel, picks, sample, subject, beside, *sent)
+    sum_samples(hits, shader, (samples.direction, samples.energy, samples.solid_angle), sharp, found)
+    direction = np.ascontiguousarray(samples.direction.T[sample])
+    one, two = shader.towards(picks, direction)
+    weight = one if sharp else one + two
+    before, weight = samples.energy.T[sample] * weight, weight * samples.solid_angle[sample, None]
+    expected = totals(12, pixel, before, weight, Met(subject, beside, *sent))
+    np.testing.assert_allclose(found, expected, rtol=2e-4, atol=1e-6)
+
+
+def test_beside_the_subject_no_gap_is_lost_between_the_pixels_that_are_looked_at_first(light):
+    """Posts of a pixel, two pixels apart: what every pixel's rays find, not the mean of pixels around them."""
+    seen = view(material(0.5, 0.8), camera((96, 128)))
+    posts = [box_mesh((x, -0.4, 0.0), (x + 0.03, -0.37, 0.1)) for x in np.arange(-0.4, 0.4, 0.09)]
+    faces = np.concatenate([f + 8 * i for i, (_, f) in enumerate(posts)])
+    given = scene(0.0, ProxyScene.from_arrays(np.concatenate([v for v, _ in posts]), faces))
+    rays = SetRays(seen, set_brdf(seen.pixels, seen.color, SETTINGS), given, False)
+    every = np.arange(len(seen.pixels.index))
+    expected = rays.in_parts(light_samples(light).strong, every) + rays.changes(light_samples(light).weak, every)
+    found = light_set(seen, light, given, SETTINGS)
+    place = seen.pixels.position
+    front = (np.abs(place[:, 0]) < 0.4) & (np.abs(place[:, 1] + 0.4) < 0.06)
+    assert front.sum() > 30
+    taken = found.open - found.blocked
+    np.testing.assert_allclose(taken[front], np.minimum(expected[:, 3:6], found.open)[front], atol=1e-5)

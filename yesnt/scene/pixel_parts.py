@@ -54,15 +54,17 @@ class PixelParts(NamedTuple):
         along = np.where(meets, level / np.where(meets, slope, 1), np.linalg.norm(middle, axis=1))
         return (self.eye + aim * along[:, None]).astype(np.float32), aim.astype(np.float32)
 
+    def spacing(self, which: NDArray[np.intp]) -> F32:
+        """Angle [n], rad, between the rays of neighbouring pixels: twice that between the two upper parts of one."""
+        first, second = (self.rays[k][which] for k in (0, 1))
+        apart = first / np.linalg.norm(first, axis=1, keepdims=True)
+        apart = apart - second / np.linalg.norm(second, axis=1, keepdims=True)
+        return np.asarray(2 * np.linalg.norm(apart, axis=1), np.float32)
+
     def grid(self, pixels: Pixels, which: NDArray[np.intp], part: NDArray[np.intp], travelled: F32) -> RayGrid:
         """The places of rays [R] through parts [R] of pixels `which` [R]; `travelled` [R], metres from the eye."""
         row, column = np.divmod(pixels.index[which], pixels.shape[1])
         right, down = part % 2, part // 2
         height, width = pixels.shape
-        first, second = (self.rays[k][which] for k in (0, 1))
-        apart = first / np.linalg.norm(first, axis=1, keepdims=True)
-        apart = apart - second / np.linalg.norm(second, axis=1, keepdims=True)
-        footprint = travelled * np.linalg.norm(apart, axis=1)
-        return RayGrid(
-            (2 * row + down) * 2 * width + 2 * column + right, (2 * height, 2 * width), footprint.astype(np.float32)
-        )
+        place = (2 * row + down) * 2 * width + 2 * column + right
+        return RayGrid(place, (2 * height, 2 * width), (0.5 * travelled * self.spacing(which)).astype(np.float32))

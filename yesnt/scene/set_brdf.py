@@ -23,7 +23,7 @@ class SetBrdf(NamedTuple):
 
     Attributes:
         normal: [P, 3] unit, world.
-        view: [P, 3] unit, world, towards the camera.
+        outgoing: [P, 3] unit, world, towards the camera.
         alpha: alpha_ggx.
         diffuse: [P, 3] diffuse BRDF, 1/sr.
         f0: [P, 3] factor of D V (1 - w), w Schlick's weight.
@@ -33,7 +33,7 @@ class SetBrdf(NamedTuple):
     """
 
     normal: F32
-    view: F32
+    outgoing: F32
     alpha: float
     diffuse: F32
     f0: F32
@@ -43,7 +43,7 @@ class SetBrdf(NamedTuple):
 
     def towards(self, pixel: NDArray[np.intp], light: F32) -> tuple[F32, F32]:
         """Diffuse and specular f cos_i [R, 3] of pixels [R] in unit directions [R, 3] above their horizon."""
-        normal, view = self.normal[pixel], self.view[pixel]
+        normal, view = self.normal[pixel], self.outgoing[pixel]
         cos_i = np.maximum((normal * light).sum(axis=1), 0)
         cos_o = np.clip((normal * view).sum(axis=1), reference.COS_MIN, 1)
         cos_h, cos_d = reference.half_vector_terms(normal, light, view)
@@ -67,7 +67,7 @@ def set_brdf(pixels: Pixels, color: F32, settings: RelightSettings) -> SetBrdf:
     diffuse = whole * color * np.float32(shown / np.pi)
     if settings.brdf == "paper":
         f0 = whole * (F0_DIELECTRIC * shown + color * metallic)
-        return SetBrdf(pixels.normal, pixels.view, alpha, diffuse, f0.astype(np.float32), whole, nothing, -1)
+        return SetBrdf(pixels.normal, pixels.view, alpha, diffuse, f0.astype(np.float32), whole, nothing, -1.0)
     terms = energy_terms(pixels.roughness, pixels.cos_o)
     metal = response(np.zeros((count, COLUMNS), np.float32), pixels, "default").metal_factor(whole * color) * metallic
     diffuse = diffuse * terms.layer[:, None]

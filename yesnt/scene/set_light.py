@@ -17,6 +17,7 @@ from yesnt.relight.combine import normalise, response
 from yesnt.relight.kernels import sum_lobes
 from yesnt.relight.lights import PreparedLight
 from yesnt.relight.settings import RelightSettings
+from yesnt.scene.contact import beside_subject
 from yesnt.scene.interpolate import Places, interpolated
 from yesnt.scene.light_samples import light_samples
 from yesnt.scene.set_brdf import set_brdf, uniform_response
@@ -70,8 +71,9 @@ def light_set(view: SetView, light: PreparedLight, scene: SetScene, settings: Re
         free[:, 3:] = lobe_light(lobe)
     open_, change = free[:, :3] + free[:, 3:], np.zeros((len(pixels.index), 9), np.float32)
     rays, samples = SetRays(view, set_brdf(pixels, view.color, settings), scene, sharp), light_samples(light)
-    change += interpolated(pixels, lambda some: rays.in_parts(samples.strong, some), scale, EDGE_SPACING)
-    change += interpolated(pixels, lambda some: rays.changes(samples.weak, some), scale, SPACING)
+    near = beside_subject(view, scene.subject.mesh)
+    change += interpolated(pixels, lambda some: rays.in_parts(samples.strong, some), scale, EDGE_SPACING, near)
+    change += interpolated(pixels, lambda some: rays.changes(samples.weak, some), scale, SPACING, near)
     if sharp:
         spacing = 1 if pixels.roughness[0] < MIRROR else EDGE_SPACING
         change += interpolated(pixels, lambda some: lobe_changes(lobe, scene, some), scale, spacing)

@@ -17,6 +17,7 @@ from yesnt.scene.delivered_picture import hits_of
 from yesnt.scene.interpolate import Places
 from yesnt.scene.pixel_parts import PARTS
 from yesnt.scene.set_brdf import SetBrdf
+from yesnt.scene.set_kernels import SampleHits, sum_samples
 from yesnt.scene.set_scene import SetScene, SetView
 from yesnt.scene.sharp_lobe import RAYS, SharpLobe
 
@@ -43,36 +44,35 @@ class SetRays(NamedTuple):
 
     def changes(self, samples: Clusters, some: Places) -> F32:
         """Sums over samples of the light for pixels [n], from the middles of the pixels."""
-        return self._from(samples, some, self.view.pixels.position)
+        return self._from(samples, some, self.view.pixels.position[some])
 
     def in_parts(self, samples: Clusters, some: Places) -> F32:
         """The same with every fourth sample from each part of the pixels, so that edges of shadows are soft."""
-        total, whole = np.zeros((len(some), 9), np.float32), np.arange(len(self.view.pixels.index))
+        total = np.zeros((len(some), 9), np.float32)
         for part in range(len(PARTS)):
-            origin, _ = self.view.parts.seen(self.view.pixels, part, whole)
+            origin, _ = self.view.parts.seen(self.view.pixels, part, some)
             total += self._from(_every(samples, part), some, origin)
         return total
 
     def _from(self, samples: Clusters, some: Places, origin: F32) -> F32:
         found, step = [np.zeros((0, 9), np.float32)], max(1, _PAIRS // max(len(samples), 1))
         for first in range(0, len(some), step):
-            found.append(self._band(samples, some[first : first + step], origin))
+            band = slice(first, first + step)
+            found.append(self._band(samples, some[band], origin[band]))
         return np.concatenate(found)
 
     def _band(self, samples: Clusters, part: Places, place: F32) -> F32:
         scene, nothing = self.scene, np.zeros((0, 0), dtype=np.bool_)
         normal = self.view.pixels.normal[part]
-        origin = (place[part] + np.float32(scene.offset) * normal).astype(np.float32)
+        origin = (place + np.float32(scene.offset) * normal).astype(np.float32)
         rays = cluster_rays(origin, normal, samples, nothing, scene.joined.bounds)
         face, own = _first(scene, rays.origins, rays.directions)
         hit = np.flatnonzero((face != OPEN) | (own != OPEN))
         pixel, sample = np.divmod(rays.place[hit], max(len(samples), 1))
-        direction = np.ascontiguousarray(samples.direction.T[sample])
-        diffuse, specular = self.brdf.towards(part[pixel], direction)
-        weight = diffuse if self.sharp else diffuse + specular
-        before = samples.energy.T[sample] * weight
-        weight = weight * samples.solid_angle[sample, None]
-        return _totals(len(part), pixel, before, weight, _met(scene, face[hit], own[hit], direction))
+        met = _met(scene, face[hit], own[hit], rays.directions[hit])
+        hits, out = SampleHits(pixel, part[pixel], sample, *met), np.zeros((len(part), 9))
+        sum_samples(hits, self.brdf, (samples.direction, samples.energy, samples.solid_angle), self.sharp, out)
+        return out.astype(np.float32)
 
 
 def _every(samples: Clusters, part: int) -> Clusters:
@@ -111,7 +111,7 @@ def lobe_changes(lobe: SharpLobe, scene: SetScene, some: Places) -> F32:
         weight = share[ray] * lobe.albedo[part][pixel[ray]]
         met = _met(scene, face[hit], own[hit], rays.direction[ray])
         met = _seen(lobe, scene, met, _Rays(part[pixel[ray]], ray % count, rays.origin[ray], rays.direction[ray]))
-        found.append(_totals(len(part), pixel[ray], before[ray], weight, met))
+        found.append(totals(len(part), pixel[ray], before[ray], weight, met))
     return np.concatenate(found)
 
 
@@ -129,7 +129,7 @@ def _first(scene: SetScene, origin: F32, direction: F32) -> tuple[I32, I32]:
     return face, scene.surroundings.mesh.first_hits(origin, direction)
 
 
-class _Met(NamedTuple):
+class Met(NamedTuple):
     """What R rays meet.
 
     Attributes:
@@ -145,14 +145,14 @@ class _Met(NamedTuple):
     from_set: F32
 
 
-def _met(scene: SetScene, face: I32, own: I32, direction: F32) -> _Met:
+def _met(scene: SetScene, face: I32, own: I32, direction: F32) -> Met:
     """What rays meet, one colour a triangle."""
     subject, count = scene.subject, np.int32(len(scene.subject.mesh.faces))
     meets, beside = (face != OPEN) & (face < count), own != OPEN
     from_subject = subject.coarse(np.where(meets, face, OPEN), direction)
     if scene.surroundings is None:
-        return _Met(meets, beside, from_subject, np.zeros_like(from_subject))
-    return _Met(meets, beside, from_subject, subject.coarse(np.where(beside, own + count, OPEN), direction))
+        return Met(meets, beside, from_subject, np.zeros_like(from_subject))
+    return Met(meets, beside, from_subject, subject.coarse(np.where(beside, own + count, OPEN), direction))
 
 
 class _Rays(NamedTuple):
@@ -171,7 +171,7 @@ class _Rays(NamedTuple):
     direction: F32
 
 
-def _seen(lobe: SharpLobe, scene: SetScene, met: _Met, rays: _Rays) -> _Met:
+def _seen(lobe: SharpLobe, scene: SetScene, met: Met, rays: _Rays) -> Met:
     """The same with the subject as a sharp lobe sees it: relit in a mirror, else with its colours in detail."""
     at = np.flatnonzero(met.subject)
     hits, known = hits_of(scene.subject.mesh, rays.origin[at], rays.direction[at])
@@ -188,7 +188,7 @@ def _seen(lobe: SharpLobe, scene: SetScene, met: _Met, rays: _Rays) -> _Met:
     return met
 
 
-def _totals(count: int, pixel: NDArray[np.intp], before: F32, weight: F32, met: _Met) -> F32:
+def totals(count: int, pixel: NDArray[np.intp], before: F32, weight: F32, met: Met) -> F32:
     """Sums [count, 9] over rays [R] by pixel: `before` is the light without occlusion, `weight` that of radiance."""
     subject, beside, own = met.subject[:, None], met.beside[:, None], weight * met.from_set
     change = np.where(beside, own - before, 0)

@@ -66,6 +66,7 @@ UNITS = (
     Unit("yesnt.temporal", "precompile_solver"),
     Unit("yesnt.relight", "precompile_shadows"),
     Unit("yesnt.decompose.evidence", "precompile_evidence"),
+    Unit("yesnt.scene", "precompile_set"),
 )
 """All units, the longest first."""
 

@@ -72,7 +72,7 @@ def evidence_path(count: int) -> Path:
     return Path(
         "evidence, likelihood",
         lambda: {"cost": negative_log_likelihood(seen, of, settings)},
-        lambda device: {"cost": negative_log_likelihood_torch(seen, of, settings, device)},
+        lambda device: {"cost": negative_log_likelihood_torch(seen, of, settings, device=device)},
         1e-4,
     )
 

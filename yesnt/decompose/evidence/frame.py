@@ -24,9 +24,16 @@ from yesnt.decompose.evidence.observe import (
     silhouette_overlap,
 )
 from yesnt.decompose.evidence.pool import Neighbourhood, pooled
-from yesnt.decompose.evidence.posterior import log_prior, metallic_shares, moments, posterior
+from yesnt.decompose.evidence.posterior import estimate, metallic_shares
 from yesnt.decompose.evidence.records import FrameEvidence, Observations, Responses, View
-from yesnt.decompose.evidence.responses import CaptureScene, LitPoints, lit_points, probe_points, responses
+from yesnt.decompose.evidence.responses import (
+    CaptureScene,
+    LitPoints,
+    lit_points,
+    probe_points,
+    responses,
+    turned_responses,
+)
 from yesnt.decompose.evidence.settings import EvidenceSettings, roughness_levels
 from yesnt.decompose.evidence.triangles import proxy_size, shown_radiance
 from yesnt.relight.frame import prepare_capture
@@ -202,9 +209,8 @@ class _Frame:
             views_of = tile.seen.valid.sum(axis=1)
             enough = views_of >= self._settings.least_views
             at = index[tile.part][enough]
-            prior = log_prior(flat_mean[:, at].T, flat_std[:, at].T, self._settings)
             shaped = cost[enough].reshape(len(at), *self._grid)
-            found, deviation = moments(posterior(shaped, prior, self._settings), self._settings)
+            found, deviation = estimate(shaped, flat_mean[:, at].T, flat_std[:, at].T, self._settings)
             flat_mean[:, at], flat_std[:, at], flat_count[at] = found.T, deviation.T, views_of[enough]
         return mean, std, count
 
@@ -253,7 +259,10 @@ class _Frame:
     def _cost(self, points: LitPoints, samples: list[Sample]) -> F32:
         """Minus the log likelihood [N, R * M] of points that the cameras saw so."""
         of = responses(points, samples, self._scene, roughness_levels(self._settings))
-        cost = _likelihood(self._settings)(self._weighed(points, samples), of, self._settings)
+        degrees, turned = self._settings.normal_error, None
+        if degrees:
+            turned = turned_responses(points, samples, self._scene, roughness_levels(self._settings), degrees)
+        cost = _likelihood(self._settings)(self._weighed(points, samples), of, self._settings, turned)
         return cost.reshape(len(cost), -1)
 
     def _observations(self, samples: list[Sample]) -> Observations:
@@ -298,7 +307,10 @@ class _Frame:
         )  # fmt: skip
 
 
-def _likelihood(settings: EvidenceSettings) -> Callable[[Observations, Responses, EvidenceSettings], F32]:
+_Likelihood = Callable[[Observations, Responses, EvidenceSettings, tuple[Responses, Responses] | None], F32]
+
+
+def _likelihood(settings: EvidenceSettings) -> _Likelihood:
     """The function that computes the likelihood: compiled by Numba, or by torch."""
     if settings.engine == "numba":
         return negative_log_likelihood

@@ -78,3 +78,39 @@ def moments(probability: Float, settings: EvidenceSettings) -> tuple[F32, F32]:
     spread = settings.stretch * np.hypot(np.stack(deviation, axis=1), [settings.unknown, 0])
     std = np.minimum(spread, LARGEST_STD)
     return np.clip(np.stack(mean, axis=1), 0, 1).astype(np.float32), std.astype(np.float32)
+
+
+def estimate(cost: Float, model: Float, spread: Float, settings: EvidenceSettings) -> tuple[F32, F32]:
+    """Mean and standard deviation [N, 2] that the cameras leave of the model's.
+
+    Where the cameras tell nothing about metallic the model's estimate stands: what is usual of surfaces
+    (`metallic_shares`) decides between candidates that the cameras left, and moves no estimate by itself.
+
+    Args:
+        cost: [N, R, M] pooled minus log likelihood.
+        model: [N, 2] estimate of the model.
+        spread: [N, 2] standard deviation of its members.
+        settings: of the evidence.
+    """
+    mean, deviation = moments(posterior(cost, log_prior(model, spread, settings), settings), settings)
+    told, own = information(cost, settings), model[:, 1].astype(np.float64)
+    moved = mean[:, 1] - own
+    variance = told * deviation[:, 1].astype(np.float64) ** 2 + told * (1 - told) * moved**2  # of a mixture of both
+    variance += (1 - told) * (spread[:, 1].astype(np.float64) ** 2 + settings.metallic_error**2)
+    mean[:, 1], deviation[:, 1] = own + told * moved, np.minimum(np.sqrt(variance), LARGEST_STD)
+    return mean, deviation
+
+
+def information(cost: Float, settings: EvidenceSettings) -> Float:
+    """What the cameras tell of metallic [N], from 0 to 1: 1 - exp(-4 D).
+
+    D is the Kullback-Leibler divergence of the normalised likelihood of metallic from an even one.
+    """
+    cells = [np.diff(_edges(levels)) for levels, _ in _levels(settings)]
+    even = np.log(cells[0])[:, None] + np.log(cells[1])
+    share = posterior(cost, even[None], settings).sum(axis=1)
+    divergence = (share * np.log(np.maximum(share, _LEAST) / cells[1])).sum(axis=1)
+    return np.asarray(1 - np.exp(-4 * np.maximum(divergence, 0)))
+
+
+_LEAST = 1e-30  # a share of 0 has no logarithm, and counts nothing

@@ -113,6 +113,39 @@ def responses(points: LitPoints, samples: list[Sample], scene: CaptureScene, lev
     return Responses(diffuse, dielectric, f0, f90, missing, average)
 
 
+def turned_responses(
+    points: LitPoints, samples: list[Sample], scene: CaptureScene, levels: NDArray[np.floating], degrees: float
+) -> tuple[Responses, Responses]:
+    """The same for normals turned by so many degrees, about one tangent and about the other."""
+    first, second = tangents(points.pixels.normal)
+    return _turned(points, first, samples, scene, levels, degrees), _turned(
+        points, second, samples, scene, levels, degrees
+    )
+
+
+def _turned(
+    points: LitPoints,
+    tangent: F32,
+    samples: list[Sample],
+    scene: CaptureScene,
+    levels: NDArray[np.floating],
+    degrees: float,
+) -> Responses:
+    angle = np.radians(degrees)
+    normal = np.cos(angle) * points.pixels.normal + np.sin(angle) * tangent
+    return responses(
+        replace(points, pixels=replace(points.pixels, normal=normal.astype(np.float32))), samples, scene, levels
+    )
+
+
+def tangents(normal: F32) -> tuple[F32, F32]:
+    """Two unit vectors [P, 3] at right angles to unit normals [P, 3] and to each other."""
+    axis = np.eye(3, dtype=np.float32)[np.abs(normal).argmin(axis=1)]
+    first = np.cross(normal, axis)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    return first.astype(np.float32), np.cross(normal, first).astype(np.float32)
+
+
 @dataclass(frozen=True)
 class _Found:
     """Responses of N points towards one camera at one roughness.

@@ -69,6 +69,8 @@ class EvidenceSettings:
             deviation over all rungs of tests/benchmarks/evidence_objects.py.
         roughness_error: error of the model's roughness beyond the spread of its members.
         metallic_error: the same of metallic.
+        normal_error: standard deviation of the turn of a normal about each of two axes, degrees; the turn is an unknown
+            of the fit. 0 takes normals as they are.
         gain_error: standard deviation of a camera's gain in a channel, of its logarithm; 0 takes gains as they are.
         light_error: standard deviation of the smooth factor of the capture light; 0 takes the map as it is.
         independent: points that tell about gains and light as if they were independent; the others repeat them.
@@ -103,6 +105,7 @@ class EvidenceSettings:
     stretch: float = 1.2
     roughness_error: float = 0.23
     metallic_error: float = 0.6
+    normal_error: float = 3.0
     gain_error: float = 0.05
     light_error: float = 0.1
     independent: int = 100

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from yesnt.core.color import LUMINANCE_REC709
 from yesnt.decompose.evidence.records import Observations, Responses
-from yesnt.decompose.evidence.reference import LEAST_SQUARE
+from yesnt.decompose.evidence.reference import LEAST_SQUARE, MOST_TURN
 from yesnt.decompose.evidence.settings import DARKEST_METAL, METAL_LUMINANCE, EvidenceSettings, metallic_levels
 
 if TYPE_CHECKING:
@@ -23,7 +23,12 @@ _MOST_ERROR = 1e4  # standard deviations, as in fit.py
 
 
 def negative_log_likelihood_torch(
-    seen: Observations, of: Responses, settings: EvidenceSettings, device: str | None = None
+    seen: Observations,
+    of: Responses,
+    settings: EvidenceSettings,
+    turned: tuple[Responses, Responses] | None = None,
+    *,
+    device: str | None = None,
 ) -> F32:
     """As `fit.negative_log_likelihood`, to rounding: [P, R, M] float32.
 
@@ -31,6 +36,7 @@ def negative_log_likelihood_torch(
         seen: what V cameras saw of P points.
         of: responses for R levels of roughness.
         settings: of the evidence.
+        turned: responses at turned normals (reference.negative_log_likelihood).
         device: name of a torch device; None: CUDA if there is one, else the CPU.
     """
     import torch
@@ -46,7 +52,8 @@ def negative_log_likelihood_torch(
         tile = _Tile.of(Observations(seen.radiance[part], seen.sigma[part], seen.valid[part]), settings, where)
         for r in range(len(of.average)):
             lobes = _Lobes.of(of, part, r, levels)
-            out[part, r] = tile.cost(lobes).cpu().numpy()
+            turns = [_Lobes.of(one, part, r, levels) for one in turned or ()]
+            out[part, r] = tile.cost(lobes, turns).cpu().numpy()
     return out
 
 
@@ -102,34 +109,82 @@ class _Tile:
             _on(seen.valid, device)[..., None, None], settings,
         )  # fmt: skip
 
-    def cost(self, lobes: _Lobes) -> torch.Tensor:
+    def cost(self, lobes: _Lobes, turns: list[_Lobes]) -> torch.Tensor:
         """Minus the log likelihood [N, M] at one roughness."""
         import torch
 
-        nu, base = self.settings.freedom, self._best_base_color(lobes)
-        cost = 0.5 * (nu + 1) * torch.log1p(self._residual(lobes, base) ** 2 / nu)
+        nu, temper = self.settings.freedom, self.settings.temper
+        base, turn, weight = self._fitted(lobes, turns)
+        cost = 0.5 * (nu + 1) * torch.log1p(self._residual(lobes, turns, base, turn) ** 2 / nu)
         known = self.valid.amax(dim=(1, 2, 3))
         luminance = (base * base.new_tensor(LUMINANCE_REC709)[:, None]).sum(1)
-        prior = self.settings.temper * _darkness(lobes.metallic, luminance)
-        return (cost * self.valid).sum((1, 2)) + prior * known[:, None]
+        prior = _darkness(lobes.metallic, luminance)
+        if turns:
+            a, b, c, *_ = self._curvature(lobes, turns, base, weight)
+            precision = (1 + a / temper) * (1 + c / temper) - (b / temper) ** 2
+            prior = prior + 0.5 * sum(t * t for t in turn) + 0.5 * torch.log(precision)
+        return (cost * self.valid).sum((1, 2)) + temper * prior * known[:, None]
 
-    def _best_base_color(self, lobes: _Lobes) -> torch.Tensor:
-        """Base colour [N, 3, M] (reference.best_base_color)."""
+    def _fitted(self, lobes: _Lobes, turns: list[_Lobes]) -> tuple[torch.Tensor, list[torch.Tensor], torch.Tensor]:
+        """Base colour [N, 3, M], turns [N, M] about two axes and the last weights (reference.best_base_color)."""
         nu, count = self.settings.freedom, len(lobes.metallic)
         base = self.radiance.new_full((len(self.radiance), 3, count), 0.5)
+        turn = [self.radiance.new_zeros((len(self.radiance), count)) for _ in turns]
         weight = self.valid
         for _ in range(self.settings.steps):
-            slope, offset = lobes.linear_form(base)
+            slope, offset = _turned_form(lobes, turns, base, turn)
             w = weight * self.valid * self.inverse**2 * slope
             up, down = (w * (self.radiance - offset)).sum(1), (w * slope).sum(1)
             base = (up / down.clamp(min=LEAST_SQUARE)).clamp(0, 1)
-            weight = (nu + 1) / (nu + self._residual(lobes, base) ** 2)
-        return base
+            if turns:
+                turn = self._best_turn(lobes, turns, base, weight)
+            weight = (nu + 1) / (nu + self._residual(lobes, turns, base, turn) ** 2)
+        return base, turn, weight
 
-    def _residual(self, lobes: _Lobes, base: torch.Tensor) -> torch.Tensor:
+    def _best_turn(
+        self, lobes: _Lobes, turns: list[_Lobes], base: torch.Tensor, weight: torch.Tensor
+    ) -> list[torch.Tensor]:
+        """Turn of largest probability [N, M] about two axes."""
+        a, b, c, d, e = self._curvature(lobes, turns, base, weight)
+        a, c = a + self.settings.temper, c + self.settings.temper
+        norm = a * c - b * b
+        return [one.clamp(-MOST_TURN, MOST_TURN) for one in ((c * d - b * e) / norm, (a * e - b * d) / norm)]
+
+    def _curvature(
+        self, lobes: _Lobes, turns: list[_Lobes], base: torch.Tensor, weight: torch.Tensor
+    ) -> tuple[torch.Tensor, ...]:
+        """J'WJ of the two turns (11, 12, 22) and J'We of the unturned error (1, 2), each [N, M]."""
+        plain = _expected(lobes, base)
+        first, second = (_expected(one, base) - plain for one in turns)
+        error, w = self.radiance - plain, weight * self.valid * self.inverse**2
+        pairs = (first, first), (first, second), (second, second), (first, error), (second, error)
+        return tuple((w * one * other).sum((1, 2)) for one, other in pairs)
+
+    def _residual(
+        self, lobes: _Lobes, turns: list[_Lobes], base: torch.Tensor, turn: list[torch.Tensor]
+    ) -> torch.Tensor:
         """Residuals [N, V, 3, M] in standard deviations."""
-        slope, offset = lobes.linear_form(base)
+        slope, offset = _turned_form(lobes, turns, base, turn)
         return ((self.radiance - offset - base[:, None] * slope) * self.inverse).clamp(-_MOST_ERROR, _MOST_ERROR)
+
+
+def _turned_form(
+    lobes: _Lobes, turns: list[_Lobes], base: torch.Tensor, turn: list[torch.Tensor]
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """A and D [N, V, 3, M] at a turned normal, linear in the turns."""
+    plain = lobes.linear_form(base)
+    slope, offset = plain
+    for one, share in zip(turns, turn, strict=True):
+        other = one.linear_form(base)
+        slope = slope + share[:, None, None] * (other[0] - plain[0])
+        offset = offset + share[:, None, None] * (other[1] - plain[1])
+    return slope, offset
+
+
+def _expected(lobes: _Lobes, base: torch.Tensor) -> torch.Tensor:
+    """Radiance b A + D [N, V, 3, M]."""
+    slope, offset = lobes.linear_form(base)
+    return base[:, None] * slope + offset
 
 
 def _darkness(metallic: torch.Tensor, luminance: torch.Tensor) -> torch.Tensor:

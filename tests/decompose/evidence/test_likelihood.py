@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from yesnt.decompose.evidence import fit, reference
-from yesnt.decompose.evidence.posterior import log_prior, metallic_shares, moments, posterior
+from yesnt.decompose.evidence.posterior import estimate, information, log_prior, metallic_shares, moments, posterior
 from yesnt.decompose.evidence.records import Observations, Responses
 from yesnt.decompose.evidence.settings import (
     DARKEST_METAL,
@@ -64,6 +64,56 @@ def test_the_grid_is_the_tables_and_as_many_candidates_as_are_asked_for() -> Non
 def test_settings_that_cannot_be_used_are_refused(changes, message) -> None:
     with pytest.raises(ValueError, match=message):
         EvidenceSettings(**changes)
+
+
+def turned_case(**kind):
+    """A random case with the responses of two turned normals: each lobe changes by some share of itself."""
+    seen, of = random_case(**kind)
+    rng = np.random.default_rng(8)
+    names = "diffuse", "dielectric", "metal_f0", "metal_f90"
+    turned = [
+        of._replace(**{n: (getattr(of, n) * (1 + 0.3 * rng.normal(size=of.missing.shape))[..., None]).astype(np.float32)
+                       for n in names})
+        for _ in range(2)
+    ]  # fmt: skip
+    return seen, of, (turned[0], turned[1])
+
+
+def test_the_compiled_likelihood_of_a_turned_normal_is_the_reference() -> None:
+    seen, of, turned = turned_case()
+    fast, slow = (one.negative_log_likelihood(seen, of, SETTINGS, turned) for one in (fit, reference))
+    np.testing.assert_allclose(fast, slow, rtol=2e-5, atol=1e-4)
+    assert np.abs(fast - fit.negative_log_likelihood(seen, of, SETTINGS)).max() > 1, "the turn is an unknown"
+
+
+def test_responses_that_do_not_turn_with_the_normal_leave_the_likelihood() -> None:
+    seen, of = random_case()
+    same = fit.negative_log_likelihood(seen, of, SETTINGS, (of, of))
+    np.testing.assert_allclose(same, fit.negative_log_likelihood(seen, of, SETTINGS), rtol=1e-6)
+
+
+def test_a_turned_normal_is_found_and_the_material_with_it() -> None:
+    seen, of, turned = turned_case(views=8)
+    base, r, m, turn = np.full((len(seen.valid), 3), 0.4), 5, 4, np.array([0.8, -0.6])
+    radiance = reference.expected(of, base, r, METALLIC[m])
+    plain = radiance.copy()
+    for t, one in zip(turn, turned, strict=True):
+        radiance += t * (reference.expected(one, base, r, METALLIC[m]) - plain)
+    radiance = np.maximum(radiance, 0).astype(np.float32)
+    exact = seen._replace(radiance=radiance, valid=np.ones_like(seen.valid))
+    best = [
+        (fit.negative_log_likelihood(exact, of, SETTINGS, ways).reshape(len(base), -1).argmin(axis=1)
+         == r * len(METALLIC) + m).mean()
+        for ways in (turned, None)
+    ]  # fmt: skip
+    assert best[0] > 0.95
+    assert best[1] < best[0] - 0.05, "with the normal taken as it is another material explains the highlights"
+
+
+def test_what_a_turn_costs() -> None:
+    """Half its square, and half the log of how much more precisely the views ask it to be set than it is known."""
+    turn, curvature = np.array([[0.0, 0.0], [1.0, 2.0]]), np.stack([np.zeros((2, 2)), 3 * SETTINGS.temper * np.eye(2)])
+    np.testing.assert_allclose(reference.turn_cost(turn, curvature, SETTINGS), [0, 2.5 + np.log(4)])
 
 
 def test_it_is_the_same_to_the_bit_for_any_number_of_threads() -> None:
@@ -183,3 +233,26 @@ def test_many_cameras_that_all_disagree_leave_finite_numbers() -> None:
     seen, of = random_case(points=2, views=250)
     far = seen._replace(sigma=np.full_like(seen.sigma, 1e-9), valid=np.ones_like(seen.valid))
     assert np.isfinite(fit.negative_log_likelihood(far, of, SETTINGS)).all()
+
+
+def test_the_model_stands_where_the_cameras_tell_nothing() -> None:
+    """What is usual of surfaces would make each of these a dielectric."""
+    model = np.array([[0.5, 0.3], [0.5, 0.6]])
+    found, std = estimate(np.zeros((2, len(ROUGHNESS), len(METALLIC))), model, np.full((2, 2), 0.1), SETTINGS)
+    np.testing.assert_allclose(found[:, 1], model[:, 1], atol=1e-6)
+    np.testing.assert_allclose(std[:, 1], 0.5, err_msg="nothing is known beyond the model's estimate and its error")
+
+
+def test_the_more_the_cameras_tell_the_less_the_model_counts() -> None:
+    model, spread, apart, told = np.array([[0.5, 0.3]]), np.full((1, 2), 0.1), [], []
+    for strength in (0.0, 0.02, 0.1, 2.0):
+        cost = np.zeros((1, len(ROUGHNESS), len(METALLIC)))
+        cost[..., :-1] = strength  # a metal is likelier
+        alone, _ = moments(posterior(cost, log_prior(model, spread, SETTINGS), SETTINGS), SETTINGS)
+        apart.append(abs(float(estimate(cost, model, spread, SETTINGS)[0][0, 1] - alone[0, 1])))
+        told.append(float(information(cost, SETTINGS)[0]))
+    assert told[0] == 0
+    assert told == sorted(told)
+    assert told[-1] > 0.99
+    assert apart[0] > 0.1
+    assert apart[-1] < 0.01

@@ -73,7 +73,8 @@ class Candidate(NamedTuple):
 
 # Rows of the scratch: one column for each valid view and channel.
 _RADIANCE, _INVERSE, _WEIGHT, _RESIDUAL, _SLOPE, _OFFSET = range(6)
-_ROWS = 10  # then slope and offset for each turn, as differences
+_SLOPE_1, _OFFSET_1, _SLOPE_2, _OFFSET_2 = range(6, 10)  # differences that the turns make
+_ROWS = 10
 
 
 @exact_entry
@@ -142,8 +143,8 @@ def _base_color(k, turn, scratch):  # type: ignore[no-untyped-def]  # noqa: ANN0
     """Best base colour in [0, 1] of channel k."""
     up = down = 0.0
     for i in range(k, scratch.shape[1], 3):
-        slope = scratch[_SLOPE, i] + turn[0] * scratch[6, i] + turn[1] * scratch[8, i]
-        offset = scratch[_OFFSET, i] + turn[0] * scratch[7, i] + turn[1] * scratch[9, i]
+        slope = scratch[_SLOPE, i] + turn[0] * scratch[_SLOPE_1, i] + turn[1] * scratch[_SLOPE_2, i]
+        offset = scratch[_OFFSET, i] + turn[0] * scratch[_OFFSET_1, i] + turn[1] * scratch[_OFFSET_2, i]
         w = scratch[_WEIGHT, i] * scratch[_INVERSE, i] * scratch[_INVERSE, i] * slope
         up += w * (scratch[_RADIANCE, i] - offset)
         down += w * slope
@@ -153,8 +154,8 @@ def _base_color(k, turn, scratch):  # type: ignore[no-untyped-def]  # noqa: ANN0
 @exact_kernel
 def _expected(base, turn, i, scratch):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Radiance that a base colour and a turn predict for a column of the scratch."""
-    first = base * scratch[6, i] + scratch[7, i]
-    second = base * scratch[8, i] + scratch[9, i]
+    first = base * scratch[_SLOPE_1, i] + scratch[_OFFSET_1, i]
+    second = base * scratch[_SLOPE_2, i] + scratch[_OFFSET_2, i]
     return base * scratch[_SLOPE, i] + scratch[_OFFSET, i] + turn[0] * first + turn[1] * second
 
 
@@ -164,8 +165,8 @@ def _curvature(base, scratch):  # type: ignore[no-untyped-def]  # noqa: ANN001, 
     a = b = c = d = e = 0.0
     for i in range(scratch.shape[1]):
         w = scratch[_WEIGHT, i] * scratch[_INVERSE, i] * scratch[_INVERSE, i]
-        first = base[i % 3] * scratch[6, i] + scratch[7, i]
-        second = base[i % 3] * scratch[8, i] + scratch[9, i]
+        first = base[i % 3] * scratch[_SLOPE_1, i] + scratch[_OFFSET_1, i]
+        second = base[i % 3] * scratch[_SLOPE_2, i] + scratch[_OFFSET_2, i]
         error = scratch[_RADIANCE, i] - base[i % 3] * scratch[_SLOPE, i] - scratch[_OFFSET, i]
         a += w * first * first
         b += w * first * second
@@ -215,13 +216,12 @@ def _forms(at, valid, lobes, base, turns, scratch):  # type: ignore[no-untyped-d
             slope, offset = _linear_form(at, v, k, compensation, lobes.at)
             scratch[_SLOPE, i], scratch[_OFFSET, i] = slope, offset
             if turns:
-                first, second = (
-                    _linear_form(at, v, k, compensation, lobes.first), _linear_form(at, v, k, compensation, lobes.second),
-                )  # fmt: skip
-                scratch[6, i], scratch[7, i] = first[0] - slope, first[1] - offset
-                scratch[8, i], scratch[9, i] = second[0] - slope, second[1] - offset
+                first = _linear_form(at, v, k, compensation, lobes.first)
+                second = _linear_form(at, v, k, compensation, lobes.second)
+                scratch[_SLOPE_1, i], scratch[_OFFSET_1, i] = first[0] - slope, first[1] - offset
+                scratch[_SLOPE_2, i], scratch[_OFFSET_2, i] = second[0] - slope, second[1] - offset
             else:
-                scratch[6:, i] = 0.0
+                scratch[_SLOPE_1:, i] = 0.0
             i += 1
 
 

@@ -102,7 +102,7 @@ def estimate(cost: Float, model: Float, spread: Float, settings: EvidenceSetting
 
 
 def information(cost: Float, settings: EvidenceSettings) -> Float:
-    """What the cameras tell of metallic [N], from 0 to 1: 1 - exp(-4 D).
+    """What the cameras tell of metallic [N], from 0 to 1: 1 - exp(-8 D).
 
     D is the Kullback-Leibler divergence of the normalised likelihood of metallic from an even one.
     """
@@ -110,7 +110,7 @@ def information(cost: Float, settings: EvidenceSettings) -> Float:
     even = np.log(cells[0])[:, None] + np.log(cells[1])
     share = posterior(cost, even[None], settings).sum(axis=1)
     divergence = (share * np.log(np.maximum(share, _LEAST) / cells[1])).sum(axis=1)
-    return np.asarray(1 - np.exp(-4 * np.maximum(divergence, 0)))
+    return np.asarray(1 - np.exp(-8 * np.maximum(divergence, 0)))
 
 
 _LEAST = 1e-30  # a share of 0 has no logarithm, and counts nothing

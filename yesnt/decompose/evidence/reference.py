@@ -136,7 +136,7 @@ def _error(
 
 
 def expected(of: Responses, base: Float, r: int, metallic: float) -> Float:
-    """b A + D [P, V, 3]."""
+    """Radiance b A + D [P, V, 3]."""
     slope, offset = linear_form(of, base, r, metallic)
     return np.asarray(base[:, None] * slope + offset)
 

@@ -102,7 +102,7 @@ class EvidenceSettings:
     apart: float = 4.0
     temper: float = 0.15
     unknown: float = 0.12
-    stretch: float = 1.2
+    stretch: float = 1.1
     roughness_error: float = 0.23
     metallic_error: float = 0.6
     normal_error: float = 3.0

@@ -71,7 +71,7 @@ def test_the_result_does_not_depend_on_tiles_or_threads() -> None:
     before = numba.get_num_threads()
     numba.set_num_threads(1)
     try:
-        tiled, _ = measured(given, EvidenceSettings(tile=40))
+        tiled, _ = measured(given, EvidenceSettings(tile=64))
     finally:
         numba.set_num_threads(before)
     for name in ("mean", "std", "views"):

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 F32 = NDArray[np.float32]
 
-_VALUES = 1 << 21  # per tile of points, views, channels and candidates: about ten temporaries of 16 MB each
+_VALUES = 1 << 20  # per tile of points, views, channels and candidates: about twenty temporaries of 8 MB each
 _MOST_ERROR = 1e4  # standard deviations, as in fit.py
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from yesnt.core.color import luminance, straighten
-from yesnt.scene.composite import Behind, associate, held_out, over
+from yesnt.core.color import display_decode, display_encode, luminance, srgb_encode, straighten
+from yesnt.scene.composite import Behind, associate, held_out, over, over_in_display
 
 
 @pytest.fixture
@@ -92,3 +92,32 @@ def test_a_held_out_foreground_lets_the_background_through():
     fg = associate(np.full((1, 3, 3), 2, np.float32), np.ones((1, 3), np.float32))
     found = over(held_out(fg, np.array([[0, 0.5, 1]], np.float32)), np.full((1, 3, 3), 8, np.float32))
     np.testing.assert_allclose(found[0, :, 0], [2, 5, 8])
+
+
+def test_the_display_composite_mixes_code_values() -> None:
+    """Half of white over black is middle grey on a display, and a fifth of the light; what is whole stays."""
+    draw = np.random.default_rng(4)
+    alpha = draw.uniform(0, 1, (4, 5)).astype(np.float32)
+    alpha[0, 0], alpha[0, 1] = 0, 1
+    color, picture = (draw.uniform(0, 100, (4, 5, 3)).astype(np.float32) for _ in range(2))
+    found = over_in_display(associate(color, alpha), picture)
+    mixed = alpha[..., None] * display_encode(color) + (1 - alpha[..., None]) * display_encode(picture)
+    np.testing.assert_allclose(display_encode(found[..., :3]), mixed, rtol=1e-4)
+    np.testing.assert_allclose(found[0, :2, :3], [picture[0, 0], color[0, 1]], rtol=1e-4)
+    white = associate(np.ones((1, 1, 3), np.float32), np.array([[0.5]], np.float32))
+    grey = over_in_display(white, np.zeros((1, 1, 3), np.float32))
+    np.testing.assert_allclose(grey[0, 0], [0.2140] * 3 + [1], atol=1e-4)
+
+
+def test_the_display_composite_keeps_alpha_and_light_without_coverage() -> None:
+    flame = np.array([[[3, 2, 1, 0], [0.5, 0.5, 0.5, 0.5]]], np.float32)
+    behind = np.array([[[0.2, 0.2, 0.2, 0.5], [0, 0, 0, 0]]], np.float32)
+    found = over_in_display(flame, behind)
+    np.testing.assert_allclose(found, [[[3.2, 2.2, 1.2, 0.5], [0.5, 0.5, 0.5, 0.5]]], rtol=1e-5)
+
+
+def test_display_encoding_is_srgb_up_to_white_and_inverts_beyond() -> None:
+    x = np.linspace(-2, 100, 999)
+    np.testing.assert_allclose(display_decode(display_encode(x)), x, rtol=1e-9, atol=1e-12)
+    inside = np.linspace(0, 1, 99)
+    np.testing.assert_array_equal(display_encode(inside), srgb_encode(inside))

@@ -22,6 +22,19 @@ def srgb_decode(encoded: FloatArray) -> FloatArray:
     return np.where(encoded <= 0.04045, encoded / 12.92, np.power((np.maximum(encoded, 0.04045) + 0.055) / 1.055, 2.4))
 
 
+def display_encode(linear: FloatArray) -> FloatArray:
+    """Linear light to sRGB code values, not clipped: the curve goes on above 1, and is mirrored below 0."""
+    x = np.abs(linear)
+    code = np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.power(np.maximum(x, 0.0031308), 1 / 2.4) - 0.055)
+    return np.copysign(code, linear)
+
+
+def display_decode(encoded: FloatArray) -> FloatArray:
+    """Inverse of `display_encode`."""
+    x = np.abs(encoded)
+    return np.copysign(srgb_decode(x), encoded)
+
+
 def luminance(rgb: FloatArray) -> FloatArray:
     """Relative luminance of linear Rec.709 `[..., 3]`; returns `[...]`."""
     return rgb @ np.asarray(LUMINANCE_REC709, dtype=rgb.dtype)

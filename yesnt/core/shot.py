@@ -260,6 +260,7 @@ class Shot(Part):
     temporal: TemporalInput = TemporalInput()
     relight: dict[str, Knob] = Field(default_factory=dict)
     set: SetInput | None = None
+    composite: Literal["linear", "display"] = "linear"
     exr: ExrOutput = ExrOutput()
     color: ColorInput = ColorInput()
     quality: Quality = "standard"
@@ -314,6 +315,11 @@ class Shot(Part):
 
     @model_validator(mode="after")
     def _divisible(self) -> Self:
+        if self.light_groups and self.composite == "display":
+            raise ValueError(
+                f"`exr.layers: [{', '.join(self.light_groups)}]` sum up to the composite in linear light only; remove "
+                "these layers, or `composite: display`"
+            )
         if self.light_groups and self.scene is not None:
             raise ValueError(
                 f"`exr.layers: [{', '.join(self.light_groups)}]` need a light of the job alone; the lamps of a scene "

@@ -163,7 +163,7 @@ _ROWS = (
         files=("environment map",), optional=True,
     ),
     Stage(
-        "relight", 9, "frame", "plate, G-buffer, proxy, material, light; the ground and the set's mesh",
+        "relight", 10, "frame", "plate, G-buffer, proxy, material, light; the ground and the set's mesh",
         Cost(0.2, 12.0, 500, 400, 8, scheduler_seconds=5), "#edae49",
         {records.RelightTask: "yesnt.tasks.relight:relight"},
         channels=("base_color", "diffuse", "specular", "shadow", "sun_diffuse", "sun_specular"),

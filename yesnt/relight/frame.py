@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from yesnt.relight.combine import NOTHING_CLAMPED, Clamped, Response, normalise, response, shadow_ratio
 from yesnt.relight.edges import resolve_edges
 from yesnt.relight.envmap import EnvMap
+from yesnt.relight.extend import CapturedLight, extend_light
 from yesnt.relight.indirect import IndirectLight, ShownPixels, indirect_light
 from yesnt.relight.kernels import COLUMNS, LIT, sum_lobes
 from yesnt.relight.lights import PreparedLight, prepare_light
@@ -40,11 +41,14 @@ class FrameInputs:
         plate: [H, W, 3] straight (un-premultiplied), scene-linear, in the space of the lights.
         surface: normal, z, opacity, roughness, metallic and the camera.
         base_color: known base colour [H, W, 3]; None: the capture light is divided out of the plate.
+        captured: with a known base colour, what it sends out under the light of the plate (`RelitFrame.captured`);
+            None: light at edges is left as it is computed.
     """
 
     plate: NDArray[np.floating]
     surface: Surface
     base_color: NDArray[np.floating] | None = None
+    captured: CapturedLight | None = None
 
 
 @dataclass(frozen=True)
@@ -57,6 +61,7 @@ class RelitFrame:
         specular: [H, W, 3] radiance, with shadows and indirect radiance.
         shadow: [H, W] relit over unshadowed luminance, 0..1; 1 outside the matte.
         clamped: pixels whose base colour would be outside [0, 1]; none where the base colour is given.
+        captured: what the frame sends out under the light of the plate; None where that is not computed.
     """
 
     base_color: F32
@@ -64,6 +69,7 @@ class RelitFrame:
     specular: F32
     shadow: F32
     clamped: Clamped = NOTHING_CLAMPED
+    captured: CapturedLight | None = None
 
     @property
     def radiance(self) -> F32:
@@ -115,24 +121,42 @@ def relight_frame(
     occluders = find_occluders(inputs.surface, pixels, proxy, settings)
     plate = np.asarray(inputs.plate, dtype=np.float32).reshape(-1, 3)[pixels.index]
     plate = np.clip(np.nan_to_num(plate, nan=0.0, posinf=65504.0, neginf=0.0), 0, None)
-    clamped = NOTHING_CLAMPED
+    clamped, captured = NOTHING_CLAMPED, inputs.captured
     if inputs.base_color is not None:
         base = np.asarray(inputs.base_color, dtype=np.float32).reshape(-1, 3)[pixels.index]
     elif capture is not None:
-        base, clamped = base_color(plate, pixels, occluders, capture, settings)
+        base, clamped, lit = base_color(plate, pixels, occluders, capture, settings)
+        captured = None if lit is None else _captured(lit, plate, pixels, inputs.surface, settings)
     else:
         raise ValueError("relight_frame needs the capture light or the base colour")
     occluders = occluders.within(surroundings, settings.offset)
-    relit = replace(shade_pixels(base, pixels, occluders, light, settings), clamped=clamped)
-    return finish(relit, pixels.image(plate), inputs.surface, settings)
+    relit = replace(shade_pixels(base, pixels, occluders, light, settings), clamped=clamped, captured=captured)
+    relit = finish(relit, pixels.image(plate), inputs.surface, settings)
+    return finish_silhouette(relit, inputs.surface) if settings.extend else relit
+
+
+class Lit(NamedTuple):
+    """Radiance of P pixels, [P, 3] each."""
+
+    diffuse: F32
+    specular: F32
+
+
+def _captured(lit: Lit, plate: F32, pixels: Pixels, surface: Surface, settings: RelightSettings) -> CapturedLight:
+    """What the pixels send out under the light of the plate, as images, finished as relit light is."""
+    shown, nothing = pixels.image(plate), np.zeros(pixels.shape, np.float32)
+    frame = RelitFrame(np.zeros_like(shown), pixels.image(lit.diffuse), pixels.image(lit.specular), nothing)
+    frame = finish(frame, shown, surface, settings)
+    return CapturedLight(shown, frame.diffuse, frame.specular)
 
 
 def base_color(
     plate: F32, pixels: Pixels, occluders: Occluders, capture: PreparedLight, settings: RelightSettings
-) -> tuple[F32, Clamped]:
+) -> tuple[F32, Clamped, Lit | None]:
     """Base colour of the pixels, [P, 3] in [0, 1]: the plate, or the plate with its capture light inverted.
 
-    The second result counts the pixels that this range does not explain.
+    The second result counts the pixels that this range does not explain. The third is what they send out under the
+    capture light, by computation; None where the plate is taken for the base colour.
 
     The indirect radiance needs the colour of the proxy, and that needs the base colour. The first estimate divides the
     plate by the irradiance of an unoccluded pixel; each pass refines both.
@@ -145,15 +169,15 @@ def base_color(
         settings: `base_color` and `capture_passes` are read, and all that `integrate` reads.
     """
     if settings.base_color == "plate":
-        return np.minimum(plate, 1.0), Clamped(above=int((plate > 1).any(axis=1).sum()))
+        return np.minimum(plate, 1.0), Clamped(above=int((plate > 1).any(axis=1).sum())), None
     falls = np.maximum(pixels.normal @ capture.coarse.direction, 0) @ capture.coarse.energy.T / np.float32(np.pi)
-    base, clamped = np.clip(plate / np.maximum(falls, 1e-3), 0, 1), NOTHING_CLAMPED
+    base, clamped, lit = np.clip(plate / np.maximum(falls, 1e-3), 0, 1), NOTHING_CLAMPED, None
     for _ in range(_passes(occluders, settings)):
         sums = integrate(base, pixels, occluders, capture, settings)
         weights = response(sums, pixels, settings.brdf)
         base = weights.base_color(plate)
-        clamped = weights.clamped(plate, base)
-    return base, clamped
+        clamped, lit = weights.clamped(plate, base), Lit(base * weights.diffuse, weights.specular(base))
+    return base, clamped, lit
 
 
 def _passes(occluders: Occluders, settings: RelightSettings) -> int:
@@ -178,6 +202,15 @@ def shade_pixels(
 def finish(relit: RelitFrame, guide: F32, surface: Surface, settings: RelightSettings) -> RelitFrame:
     """Makes light at pixel centres like a plate's: resolves edges by the guide [H, W, 3], applies the pixel filter."""
     return finish_pixel_filter(finish_edges(relit, guide, surface, settings), surface, settings)
+
+
+def finish_silhouette(relit: RelitFrame, surface: Surface) -> RelitFrame:
+    """Extends the light of the subject outward to the pixels that it covers in part."""
+    if relit.captured is None:
+        return relit
+    coverage = np.clip(_finite(surface.opacity), 0, 1)
+    diffuse, specular = extend_light(relit.diffuse, relit.specular, relit.captured, coverage)
+    return replace(relit, diffuse=diffuse, specular=specular)
 
 
 def finish_pixel_filter(relit: RelitFrame, surface: Surface, settings: RelightSettings) -> RelitFrame:

@@ -100,14 +100,14 @@ class _Average:
 
     def __init__(self, coverage: F32, side: float) -> None:
         self._weight, self._side = np.asarray(coverage, dtype=np.float32), side
-        self._total = _spread(self._weight, side)
+        self._total = spread(self._weight, side)
 
     def __call__(self, plane: NDArray[np.floating]) -> F32:
-        light = _spread((plane * self._weight).astype(np.float32), self._side)
+        light = spread((plane * self._weight).astype(np.float32), self._side)
         return np.divide(light, self._total, out=np.zeros_like(light), where=self._weight > 0)
 
 
-def _spread(image: F32, side: float) -> F32:
+def spread(image: F32, side: float) -> F32:
     """Convolves [H, W] with (side, 1 - 2 side, side) along both axes; 0 beyond the border."""
     for axis in (0, 1):
         given = np.float32(side) * image

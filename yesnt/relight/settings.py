@@ -41,6 +41,7 @@ class RelightSettings:
         edges: resolve antialiased pixels into the surfaces that they mix.
         pixel_filter: weight of each neighbour along an axis in the pixel filter; applied if the G-buffer was sampled
             at pixel centres; 0: none.
+        extend: light of edge pixels is extended outward from the subject (relight/extend.py).
         offset: distance, metres, of the origins of shadow rays from the surface: a decimated proxy lies off the true
             surface.
         march_steps: samples of each view-space march, which replaces the proxy where there is none.
@@ -65,6 +66,7 @@ class RelightSettings:
     capture_passes: int = 1
     edges: bool = True
     pixel_filter: float = 0.08
+    extend: bool = True
     offset: float = 0.002
     march_steps: int = 24
     thickness: float = 0.0

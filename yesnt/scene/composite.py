@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.core.color import luminance
+from yesnt.core.color import display_decode, display_encode, luminance, straighten
 
 Float32 = NDArray[np.float32]
+Blend = Callable[[Float32, Float32], Float32]
 
 
 def associate(color: Float32, opacity: Float32) -> Float32:
@@ -57,7 +59,7 @@ def held_out(foreground: Float32, holdout: Float32) -> Float32:
     return foreground * (1 - holdout[..., None])
 
 
-def into_set(relit: Float32, behind: Behind) -> Float32:
+def into_set(relit: Float32, behind: Behind, laid: Blend | None = None) -> Float32:
     """The subject over the set behind it, and under the parts of the set in front of it.
 
     With `front`, `front + (1 - holdout) (relit + (1 - a) (ratio picture + added))`: an edge of such a part shows the
@@ -66,16 +68,18 @@ def into_set(relit: Float32, behind: Behind) -> Float32:
     Args:
         relit: [H, W, 4] associated.
         behind: the set.
+        laid: how one picture is laid over another; None: `over`.
 
     Returns:
         [H, W, 4] associated.
     """
+    laid = laid or over
     background = behind.with_subject()
     background[..., :3] = np.maximum(background[..., :3], 0)  # half of a denoised difference may fall below
     if behind.front is None:
-        return over(held_out(relit, behind.holdout), background)
+        return laid(held_out(relit, behind.holdout), background)
     before = np.concatenate([behind.front, behind.holdout[..., None]], axis=-1)
-    return over(before, over(relit, background))
+    return laid(before, laid(relit, background))
 
 
 def opaque(picture: Float32) -> Float32:
@@ -96,3 +100,26 @@ def over(foreground: Float32, background: Float32) -> Float32:
         [H, W, 4] associated.
     """
     return (foreground + (1 - foreground[..., 3:]) * opaque(background)).astype(np.float32)
+
+
+def over_in_display(foreground: Float32, background: Float32) -> Float32:
+    """The paper's composite: `over` of code values, D(a E(f) + (1 - a) E(b)) with sRGB's curve E and its inverse D.
+
+    The paper lays the gamma-corrected foreground over the background by its alpha. Light above 1 goes on along the
+    curve instead of being cut at white. Edges differ from what a camera sees, which mixes light. What the foreground
+    has where it covers nothing (flames) is added as light.
+
+    Args:
+        foreground: [H, W, 4] associated, scene-linear.
+        background: [H, W, 3] or [H, W, 4] associated, scene-linear; three components count as opaque.
+
+    Returns:
+        [H, W, 4] associated, scene-linear.
+    """
+    back, cover = opaque(background), foreground[..., 3:]
+    alpha = cover + (1 - cover) * back[..., 3:]
+    code = cover * display_encode(straighten(foreground[..., :3], foreground[..., 3]))
+    code = code + (1 - cover) * back[..., 3:] * display_encode(straighten(back[..., :3], back[..., 3]))
+    color = display_decode(straighten(code, alpha[..., 0])) * alpha
+    color = color + np.where(cover > 0, 0, foreground[..., :3]) + np.where(alpha > 0, 0, back[..., :3])
+    return np.concatenate([color, alpha], axis=-1).astype(np.float32)

@@ -31,7 +31,7 @@ ABOVE_HALF = "composite: values above 65504, the largest of half, clamped to it"
 
 def composite(space: Workspace[CompositeTask]) -> None:
     """Writes the EXR of one frame and commits its digest."""
-    from yesnt.scene.composite import associate, into_set, over
+    from yesnt.scene.composite import associate, into_set, over, over_in_display
 
     job, frame = space.job, space.frame
     camera = space.camera()
@@ -39,6 +39,7 @@ def composite(space: Workspace[CompositeTask]) -> None:
     diffuse, specular, shadow = (space.read(RELIGHT, name, frame) for name in ("diffuse", "specular", "shadow"))
     behind = _behind(space)
     background = space.inputs.background() if behind is None else behind.picture
+    laid = over if job.shot.composite == "linear" else over_in_display
     with space.kernel():
         if background is None:
             background = backdrop(LightFiles.of_task(space), camera)
@@ -46,7 +47,7 @@ def composite(space: Workspace[CompositeTask]) -> None:
         if plate.uncovered is not None:  # a flame covers nothing, and is no surface to relight
             relit[..., :3] += plate.uncovered
         planes = {
-            "composite": over(relit, background) if behind is None else into_set(relit, behind),
+            "composite": laid(relit, background) if behind is None else into_set(relit, behind, laid),
             "relit": relit.transpose(2, 0, 1),
             "diffuse": diffuse * plate.matte,
             "specular": specular * plate.matte,

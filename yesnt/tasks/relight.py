@@ -15,7 +15,7 @@ from yesnt.tasks.surroundings import surroundings
 from yesnt.tasks.workspace import Workspace
 
 if TYPE_CHECKING:
-    from yesnt.relight import PreparedLight, RelightSettings
+    from yesnt.relight import PreparedLight, RelightSettings, RelitFrame
     from yesnt.relight.combine import Clamped
     from yesnt.tasks.relight_inputs import RelightInputs
 
@@ -47,12 +47,12 @@ def relight(space: Workspace[RelightTask]) -> None:
         }
         if job.shot.light_groups:
             sun = light_of_the_sun(LightFiles.of_task(space), inputs.surface(material), settings)
-            planes |= _by_the_sun(inputs, material, sun, settings, relit.base_color)
+            planes |= _by_the_sun(inputs, material, sun, settings, relit)
     space.commit(frame, planes, facts=_clamped(relit.clamped))
 
 
 def _by_the_sun(
-    inputs: RelightInputs, material: F32, sun: PreparedLight | None, settings: RelightSettings, base_color: F32
+    inputs: RelightInputs, material: F32, sun: PreparedLight | None, settings: RelightSettings, relit: RelitFrame
 ) -> dict[str, F32]:
     """What of the relit light the map's sun gives; 0 where it has none."""
     from yesnt.tasks import relight_inputs
@@ -60,7 +60,7 @@ def _by_the_sun(
     if sun is None:
         nothing = np.zeros((3, *material.shape[1:]), np.float32)
         return {"sun_diffuse": nothing, "sun_specular": nothing}
-    lit = relight_inputs.relight(inputs, material, (sun, None), settings, base_color)
+    lit = relight_inputs.relight(inputs, material, (sun, None), settings, relit.base_color, relit.captured)
     return {"sun_diffuse": lit.diffuse.transpose(2, 0, 1), "sun_specular": lit.specular.transpose(2, 0, 1)}
 
 

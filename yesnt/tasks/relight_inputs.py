@@ -16,6 +16,7 @@ from yesnt.relight import FrameInputs, PreparedLight, ProxyScene, RelightSetting
 
 if TYPE_CHECKING:
     from yesnt.io.mesh import Mesh
+    from yesnt.relight.extend import CapturedLight
     from yesnt.relight.surroundings import Surroundings
 
 F32 = NDArray[np.float32]
@@ -55,6 +56,7 @@ def relight(
     lights: tuple[PreparedLight, PreparedLight | None],
     settings: RelightSettings,
     base_color: F32 | None = None,
+    captured: CapturedLight | None = None,
 ) -> RelitFrame:
     """Relights one frame.
 
@@ -64,9 +66,10 @@ def relight(
         lights: the new light and the light that the plate was captured under (None if `base_color` is given).
         settings: quality of relighting.
         base_color: known base colour [H, W, 3]; None: the capture light is divided out of the plate.
+        captured: with a known base colour, what it sends out under the light of the plate; None: not known.
     """
     light, capture = lights
-    frame_inputs = FrameInputs(inputs.plate.color, inputs.surface(material), base_color)
+    frame_inputs = FrameInputs(inputs.plate.color, inputs.surface(material), base_color, captured)
     return relight_frame(frame_inputs, light, capture, inputs.proxy, settings, inputs.surroundings)
 
 

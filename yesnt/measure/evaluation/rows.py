@@ -22,7 +22,9 @@ Source = Literal[
 Group = Literal["table", "ablation", "separation", "evidence", "fitted"]
 
 FULL: Mapping[str, Any] = MappingProxyType({})
-PAPER = MappingProxyType({"base_color": "plate", "brdf": "paper", "bounce": 0, "edges": False, "pixel_filter": 0.0})
+PAPER = MappingProxyType(
+    {"base_color": "plate", "brdf": "paper", "bounce": 0, "edges": False, "pixel_filter": 0.0, "extend": False}
+)
 UNSHADOWED = MappingProxyType({"shadows": False, "bounce": 0})
 
 

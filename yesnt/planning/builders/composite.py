@@ -25,6 +25,7 @@ def composite_nodes(plan: ShotPlan, graph: Graph) -> Iterator[Node]:
         color=plan.job.colors.digests("output", "background" if shot.background else "light"),
         space=changed_fields(plan.job.colors.output_space),
         set=shot.set.mode if shot.set else None,
+        composite=None if shot.composite == "linear" else shot.composite,
         **_header(plan),
     )
     stages: tuple[StageId, ...] = (RELIGHT, plan.observed)
@@ -40,10 +41,10 @@ def composite_nodes(plan: ShotPlan, graph: Graph) -> Iterator[Node]:
 
 
 def compositing_nodes(plan: ShotPlan) -> Iterator[Node]:
-    """The scripts for other programs; none without a set or both light groups."""
+    """The scripts for other programs; none without a set or both light groups, or of a composite in display space."""
     shot = plan.job.shot
     groups = len(shot.light_groups) == 2
-    if shot.set is None and not groups:
+    if (shot.set is None and not groups) or shot.composite != "linear":
         return
     settings = shared(
         name=shot.name, frames=[plan.job.frames[0], plan.job.frames[-1]], front=True if shot.scene else None,

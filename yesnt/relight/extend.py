@@ -9,7 +9,7 @@ does to the plate around it, and its specular light is no more than the pixels a
 
 with `captured` and c the radiance and its specular part under the light of the plate, and weights w = a^2 of the
 coverage a under a filter of 3 x 3 pixels: solid pixels count most, and in a hair its own pixels do. Per channel, and
-linear in the light. Grain and paint of the plate stay. What this is worth is measured in docs/relight.md, "Edges".
+linear in the light. Grain and paint of the plate stay. What this is worth is measured in docs/relight.md.
 """
 
 from __future__ import annotations

@@ -15,8 +15,9 @@ from tests.in_process import run_here
 from tests.nuke_script import Nuke
 from tests.relight.scenes import box_mesh
 from tests.tiny_shot import write_tiny_shot
-from yesnt.core.errors import JobError
-from yesnt.io.exr import write_exr
+from yesnt.capture_stage.tools import find_tools, run_script
+from yesnt.core.errors import JobError, MissingPartError
+from yesnt.io.exr import read_planes, write_exr
 from yesnt.io.jobfile import load_shot
 from yesnt.io.pictures.image import read_image
 from yesnt.relight import EnvMap
@@ -26,6 +27,7 @@ from yesnt.runtime.session import Session
 from yesnt.tasks import light
 
 F32 = np.ndarray
+COMPOSITE_IN_BLENDER = Path(__file__).parents[1] / "io" / "composite_in_blender.py"
 BOTH = {"layers": ["light_sun", "light_rest"]}
 ROWS = 32
 
@@ -85,6 +87,22 @@ def test_a_stronger_sun_is_the_suns_layer_times_its_strength(tmp_path: Path) -> 
     expected = 3 * rgb(planes, "light_sun") + rgb(planes, "light_rest")
     assert np.abs(again - expected).mean() < 0.003 * again.mean()
     assert np.abs(again - rgb(planes)).mean() > 0.2 * again.mean(), "the test can fail"
+
+
+@pytest.mark.blender
+@pytest.mark.parametrize("name", ["alone", "show", "catch", "wall"])
+def test_blenders_compositor_makes_the_delivered_composite(name: str, tmp_path: Path) -> None:
+    """The script beside the sequence, run on what was delivered: holdout, plate and light groups."""
+    try:
+        tools = find_tools(tmp_path)
+    except MissingPartError as error:
+        pytest.skip(str(error))
+    path = write_sunny_shot(tmp_path / "shot", exr=BOTH, **JOBS[name])
+    planes, folder = delivered(path), path.parent / "out" / "exr"
+    run_script(tools, COMPOSITE_IN_BLENDER, ["1.0", "1.0", str(folder / "tiny_layers.py")], 300.0)
+    found = read_planes(folder / "composited.1001.exr")
+    for c in "RGBA":
+        np.testing.assert_allclose(found[c], planes[c], rtol=1e-3, atol=1e-3, err_msg=c)
 
 
 @pytest.mark.parametrize("name", ["single", "show", "mirror", "wall"])

@@ -135,6 +135,8 @@ def test_keys_depend_on_the_scene_its_files_its_place_and_blender(
     assert all(repainted[stage] != moved[stage] for stage in differs)
     monkeypatch.setenv("FAKE_BLENDER_VERSION", "[4, 5, 3]")
     assert keys()["set"] != first["set"]
+    ground = keys(set={"ground": -0.5}, light={"path": "light.exr"})
+    assert ground["composite.scripts"] != first["composite.scripts"], "the parts of a scene in front are a layer"
 
 
 def test_a_job_without_a_scene_has_none_of_its_stages(tmp_path: Path, log: Path) -> None:

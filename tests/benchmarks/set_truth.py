@@ -1,10 +1,13 @@
 """The subject in a set against Cycles, which renders the true subject in the same scene.
 
     python -m tests.benchmarks.set_truth FOLDER [--path blender|built-in] [--scenes NAME,...] [--subject vase]
+        [--pictures DIR]
 
 Renders the truth of the four ground scenes of `tests/blender/target_scenes.py` (kept in FOLDER), puts the shot through
 the product with true materials, and prints PSNR in display values where the truth with and without the subject differ
-by more than 0.01: with the true mesh as proxy, with a decimated one, and of a set without any effect of the subject.
+by more than 0.01: of a set without any effect of the subject, and of the set with the true mesh as proxy and with a
+decimated one. Then those of the subject's own pixels, relit in the light alone (built-in) and with the set's bounce.
+With --pictures: subject over the set without an effect, in the set, Cycles.
 """
 
 from __future__ import annotations
@@ -29,6 +32,7 @@ from yesnt.capture_stage.tools import Tools, find_tools, run_script
 from yesnt.core.camera import Camera
 from yesnt.core.color import srgb_encode
 from yesnt.io.exr import read_planes, write_exr
+from yesnt.io.pictures.png import png_bytes
 
 F32 = NDArray[np.float32]
 HERE = Path(__file__).resolve().parent
@@ -46,16 +50,21 @@ def main() -> None:
     parser.add_argument("--subject", default="vase")
     parser.add_argument("--cache", type=Path, default=Path("stage-cache"))
     parser.add_argument("--proxies", default="true,decimated")
+    parser.add_argument("--pictures", type=Path)
     chosen = parser.parse_args()
     tools = find_tools(chosen.cache)
     chosen.folder.mkdir(parents=True, exist_ok=True)
-    print("scene            proxy       pixels  no effect      set  subject  all (dB)", flush=True)
+    print("scene            proxy       pixels  no effect      set  subject without bounce   with (dB)", flush=True)
     for name in chosen.scenes.split(","):
         work = (chosen.folder / f"{name}-{chosen.subject}").absolute()
         make_shot(work, name, chosen.subject, tools)
         for proxy in chosen.proxies.split(","):
             composite = product(work, name, proxy, chosen.path)
-            print(f"{name:16s} {proxy:10s} {line(work, composite)}", flush=True)
+            alone = product(work, name, proxy, "alone") if chosen.path == "built-in" else None
+            print(f"{name:16s} {proxy:10s} {line(work, composite, alone)}", flush=True)
+            if chosen.pictures:
+                file = chosen.pictures / f"set-{name}-{proxy}-{chosen.path}.png"
+                file.write_bytes(png_bytes(picture(work, composite)))
 
 
 def make_shot(work: Path, scene: str, subject: str, tools: Tools) -> None:
@@ -81,7 +90,7 @@ def make_shot(work: Path, scene: str, subject: str, tools: Tools) -> None:
 
 
 def product(work: Path, scene: str, proxy: str, path: str) -> dict[str, Any]:
-    """Channels of the EXR that the product delivers."""
+    """Channels of the EXR that the product delivers; `path` alone: without a set."""
     light, color, roughness, metallic = GROUNDS[scene]
     built_in = {"ground": 0.0, "color": list(color), "roughness": roughness, "metallic": metallic}
     job = {
@@ -91,22 +100,33 @@ def product(work: Path, scene: str, proxy: str, path: str) -> dict[str, Any]:
         "decompose": {"path": "material.####.exr"}, "output": f"out-{proxy}-{path}",
         "set": {"blend": str(work.parent / f"{scene}.blend")} if path == "blender" else built_in,
     }  # fmt: skip
+    if path == "alone":
+        del job["set"]
     file = work / f"{proxy}-{path}.yaml"
     file.write_text(yaml.safe_dump(job))
     session = run_here(file, "composite")
     return read_planes(session.output.exr_path(session.job.shot.name, FRAME))
 
 
-def line(work: Path, found: dict[str, Any]) -> str:
-    """Scores of one delivered frame."""
+def line(work: Path, found: dict[str, Any], alone: dict[str, Any] | None) -> str:
+    """Scores of one delivered frame, and of one without the set."""
     truth, without = (display(passes.read_passes(work / f"{name}.exr"), "Combined.") for name in ("truth", "without"))
     composite, clean = display(found), display(found, "env.")
     matte = found["relit.A"].astype(np.float32)
     judged = (np.abs(truth - without).max(axis=-1) > DIFFERENT) & (matte == 0)
     subject = matte > 0.99
     none = psnr(clean, truth, judged)
-    scores = psnr(composite, truth, judged), psnr(composite, truth, subject), psnr(composite, truth, subject | True)
-    return f"{int(judged.sum()):7d} {none:10.1f} {scores[0]:8.1f} {scores[1]:8.1f} {scores[2]:6.1f}"
+    without_bounce = psnr(display(alone), truth, subject) if alone else np.nan
+    scores = psnr(composite, truth, judged), without_bounce, psnr(composite, truth, subject)
+    return f"{int(judged.sum()):7d} {none:10.1f} {scores[0]:8.1f} {scores[1]:22.1f} {scores[2]:6.1f}"
+
+
+def picture(work: Path, found: dict[str, Any]) -> F32:
+    """Display values [H, 3 W, 3]: the subject over the set without its effect, in the set, and Cycles."""
+    relit, env = (np.stack([found[f"{name}.{c}"].astype(np.float32) for c in "RGB"], -1) for name in ("relit", "env"))
+    plain = relit + (1 - found["relit.A"].astype(np.float32)[..., None]) * env
+    truth = display(passes.read_passes(work / "truth.exr"), "Combined.")
+    return np.concatenate([srgb_encode(np.clip(plain, 0, 1)), display(found), truth], axis=1).astype(np.float32)
 
 
 def display(planes: dict[str, Any], prefix: str = "") -> F32:

@@ -18,6 +18,7 @@ from yesnt.scene.set_brdf import set_brdf
 from yesnt.scene.set_kernels import SampleHits, sum_samples
 from yesnt.scene.set_light import AGREE, light_set, without_occlusion
 from yesnt.scene.set_rays import Met, SetRays, totals
+from yesnt.scene.set_view import mesh_image
 
 SETTINGS = RelightSettings()
 PAPER = RelightSettings(brdf="paper")
@@ -186,3 +187,22 @@ def test_beside_the_subject_no_gap_is_lost_between_the_pixels_that_are_looked_at
     assert front.sum() > 30
     taken = found.open - found.blocked
     np.testing.assert_allclose(taken[front], np.minimum(expected[:, 3:6], found.open)[front], atol=1e-5)
+
+
+@pytest.mark.parametrize("y", [0.9, 0.95, 1.0, 1.05])
+def test_no_part_of_a_pixel_lies_inside_the_mesh_behind_a_crease(y):
+    """A wall's plane goes on below the floor that it stands on: a part there would be in the dark."""
+    floor, wall = box_mesh((-9, -9, -0.5), (9, 9, 0.0)), box_mesh((-9, y, -0.2), (9, y + 0.2, 2.0))
+    faces = np.concatenate([floor[1], wall[1] + 8])
+    mesh = ProxyScene.from_arrays(np.concatenate([floor[0], wall[0]]), faces)
+    cam = camera((48, 64))
+    seen = mesh_image(mesh, material(), cam, 1, np.zeros((48, 64), np.float32)).view
+    parts, pixels = seen.parts, seen.pixels
+    every = np.arange(len(pixels.index))
+    on_wall = pixels.normal[:, 1] < -0.5
+    low = [parts.seen(pixels, part, every)[0] for part in range(4)]
+    assert on_wall.any()
+    assert not on_wall.all()
+    assert min(points[on_wall, 2].min() for points in low) > -1e-3
+    assert max(points[~on_wall, 1].max() for points in low) < y + 1e-3
+    assert not np.array_equal(low[0], low[3]), "elsewhere the parts are apart"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +13,7 @@ from yesnt.relight.points import Pixels
 from yesnt.relight.proxy import OPEN, ProxyScene
 from yesnt.relight.surroundings import SetMaterial
 from yesnt.scene.ground import Ground
-from yesnt.scene.mesh_normals import smooth_normals
+from yesnt.scene.mesh_normals import CREASE, smooth_normals
 from yesnt.scene.pixel_parts import PARTS, PixelParts
 from yesnt.scene.set_scene import SetView
 
@@ -22,6 +23,7 @@ SIDE = 4
 """A mesh covers a pixel as far as this many by this many rays meet it."""
 
 _GRAZING = 1e-4  # least slope of a ray that meets a plane: the next row would lie kilometres away
+_OFF = 2e-3  # share of its distance by which a part's point may be off the mesh: curved surfaces leave their planes
 _BEHIND = 0.02  # metres by which a mesh must be in front of the subject to hide it: feet sink into a floor
 
 
@@ -79,6 +81,7 @@ def mesh_image(mesh: ProxyScene, material: SetMaterial, camera: Camera, frame: i
     index = np.flatnonzero((face != OPEN) & (share > 0))
     where, at = face.reshape(-1)[index], point.reshape(-1, 3)[index]
     view = _view(index, at, _normals(mesh, where, at, eye), material, camera, frame)
+    view = replace(view, parts=_on_surface(view, mesh))
     return SetImage(view, share.reshape(-1)[index] / np.float32(SIDE**2), before / np.float32(SIDE**2))
 
 
@@ -93,6 +96,24 @@ def _view(
     pixels = Pixels(index, shape, position, normal, aim, full * material.roughness, full * material.metallic)
     parts = [camera.windowed(*part, camera.width, camera.height).rays(frame).reshape(-1, 3)[index] for part in PARTS]
     return SetView(pixels, material.color, PixelParts(eye, np.stack(parts)))
+
+
+def _on_surface(view: SetView, mesh: ProxyScene) -> PixelParts:
+    """Parts whose rays meet a pixel's own surface; the others, which would lie inside a neighbour's, are its middle.
+
+    At a crease the plane of one pixel goes on behind the surface of the next.
+    """
+    pixels, parts = view.pixels, view.parts
+    every, rays = np.arange(len(pixels.index)), parts.rays.copy()
+    start = np.broadcast_to(parts.eye, pixels.position.shape).astype(np.float32)
+    for number in range(len(PARTS)):
+        point, aim = parts.seen(pixels, number, every)
+        far = np.linalg.norm(point - parts.eye, axis=1)
+        met = mesh.trace(start, aim)
+        turned = np.abs((mesh.normals[met["primID"].astype(np.int32)] * pixels.normal).sum(axis=1)) < CREASE
+        off = turned | (np.abs(met["tfar"] - far) > _OFF * far)
+        rays[number][off] = (pixels.position - parts.eye)[off]
+    return PixelParts(parts.eye, rays)
 
 
 def _normals(mesh: ProxyScene, face: NDArray[np.int32], point: F32, eye: F32) -> F32:

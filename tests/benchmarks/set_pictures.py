@@ -1,6 +1,6 @@
 """Pictures of docs/set.md: a frame of the shot that ships, composited without a set and in one.
 
-    python -m tests.benchmarks.set_pictures FOLDER docs/images [--frame 1005] [--scenes mirror,night,piece]
+    python -m tests.benchmarks.set_pictures FOLDER docs/images [--frame 1005] [--scenes night,piece]
 
 Keeps the shot and its results in FOLDER; takes the true materials, so that only the set differs from picture to
 picture. Writes set-NAME.png: on the left the subject over the light's map, on the right in the set.
@@ -25,7 +25,6 @@ from yesnt.io.pictures.png import png_bytes
 
 SKY, NIGHT = {"path": "env/sky.exr"}, {"path": "env/studio.exr", "exposure": -2.5}
 SCENES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
-    "mirror": (SKY, {"ground": "auto", "color": [0.8, 0.8, 0.82], "roughness": 0.0, "metallic": 1.0}),
     "night": (NIGHT, {"ground": "auto", "color": [0.2, 0.2, 0.22], "roughness": 0.3}),
     "piece": (SKY, {"mesh": "piece.ply", "color": [0.55, 0.42, 0.3]}),
 }

@@ -10,7 +10,7 @@ from yesnt.core.camera import Camera
 from yesnt.scene.composite import Behind, associate, into_set, over
 from yesnt.scene.holdout import REACH, TOLERANCE, holdout_coverage, split_front
 from yesnt.scene.scene_layers import scene_layers, shadow_ratio
-from yesnt.scene.vertex_materials import vertex_values
+from yesnt.scene.vertex_materials import MeasuredVertices, vertex_values
 
 F32 = NDArray[np.float32]
 HEIGHT, WIDTH, N = 12, 16, 4
@@ -135,3 +135,8 @@ def test_vertices_take_the_pixels_that_show_them_and_others_their_neighbours() -
     np.testing.assert_allclose(found[8:], values.mean())
     bare = vertex_values((vertices, faces), (camera, 1), values, 0 * opacity, z)
     assert (bare == 0).all()
+    other = MeasuredVertices(np.full((11, 1), 7, np.float32), np.arange(11) % 4 == 0)
+    both = vertex_values((vertices, faces), (camera, 1), values, opacity, z, other)[:, 0]
+    np.testing.assert_array_equal(both[:4], found[:4], "the picture stands where it shows a vertex")
+    np.testing.assert_array_equal(both[4:8], [7, *found[5:8]])
+    np.testing.assert_array_equal(both[8:], 7, "neighbours of a measured vertex take its values")

@@ -9,6 +9,9 @@ from pydantic import AfterValidator, Field, model_validator
 from yesnt.core.job_part import Part
 from yesnt.core.scene_input import scene_file
 
+MIRROR = 0.05
+"""Roughness below which a surface shows what it reflects point by point."""
+
 _Share = Annotated[float, Field(ge=0, le=1)]
 
 
@@ -49,6 +52,11 @@ class SetInput(Part):
         if self.mesh is not None and "radius" in self.model_fields_set:
             raise ValueError("`radius` is of a ground, a mesh has its own size")
         return self
+
+    @property
+    def shows_sides(self) -> bool:
+        """Whether it shows sides of the subject in detail that the delivered view does not: a mirror, or a scene."""
+        return self.blend is not None or self.roughness < MIRROR
 
 
 def refuse_unusable_set(given: SetInput | None, has_proxy: bool, has_background: bool, shadows: object) -> None:

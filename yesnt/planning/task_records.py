@@ -214,7 +214,18 @@ class RelightTask(TaskRecord):
 
 
 @dataclass(frozen=True)
-class SetTask(TaskRecord):
+class SidesTask(TaskRecord):
+    """Shows sides of the subject that the delivered view does not.
+
+    Attributes:
+        cameras: of the capture, which measure these sides; none: they take the materials of sides that are seen.
+    """
+
+    cameras: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class SetTask(SidesTask):
     """Lights the set in one frame."""
 
 
@@ -230,7 +241,7 @@ class BakeTask(TaskRecord):
 
 
 @dataclass(frozen=True)
-class SceneTask(TaskRecord):
+class SceneTask(SidesTask):
     """Renders the scene of one frame with and without the subject."""
 
 

@@ -24,7 +24,7 @@ from yesnt.scene.set_scene import SetScene
 from yesnt.scene.set_view import SetImage
 from yesnt.scene.subject import Lighting, Subject
 from yesnt.scene.subject_materials import SubjectMaterials
-from yesnt.scene.vertex_materials import COVERED
+from yesnt.scene.vertex_materials import COVERED, MeasuredVertices
 
 F32 = NDArray[np.float32]
 I32 = NDArray[np.int32]
@@ -39,12 +39,14 @@ class RelitSubject:
         base_color: [H, W, 3] 0..1.
         diffuse: [H, W, 3] straight relit radiance.
         proxy: its mesh.
+        measured: base colour, roughness and metallic of vertices that other cameras see; None: there are none.
     """
 
     surface: Surface
     base_color: F32
     diffuse: F32
     proxy: ProxyScene
+    measured: MeasuredVertices | None = None
 
     def around(self, light: PreparedLight, surroundings: Surroundings, settings: RelightSettings) -> Subject:
         """As the set sees it."""
@@ -59,7 +61,7 @@ class RelitSubject:
             sent = IndirectLight(sent.diffuse * 0, sent.metal._replace(tint=sent.metal.tint * 0), sent.light)
         picture = DeliveredPicture(self.proxy, self.surface)
         materials, diffuse = (
-            SubjectMaterials(picture, self.base_color),
+            SubjectMaterials(picture, self.base_color, self.measured),
             self.diffuse if settings.bounce else self.diffuse * 0,
         )
         return Subject(picture, sent, diffuse, materials, Lighting(light, settings, surroundings))

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.core.color import luminance
+from yesnt.core.set_input import MIRROR
 from yesnt.relight.combine import normalise, response
 from yesnt.relight.kernels import sum_lobes
 from yesnt.relight.lights import PreparedLight
@@ -23,7 +24,7 @@ from yesnt.scene.light_samples import light_samples
 from yesnt.scene.set_brdf import set_brdf, uniform_response
 from yesnt.scene.set_rays import SetRays, lobe_changes, lobe_light
 from yesnt.scene.set_scene import SetScene, SetView
-from yesnt.scene.sharp_lobe import FINE, MIRROR, SHARP, SharpLobe, specular_albedo
+from yesnt.scene.sharp_lobe import FINE, SHARP, SharpLobe, specular_albedo
 
 F32 = NDArray[np.float32]
 

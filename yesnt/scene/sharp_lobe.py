@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from yesnt.core.set_input import MIRROR
 from yesnt.relight.albedo import hammersley, visible_normals
 from yesnt.relight.brdf import COS_MIN, alpha_ggx, dielectric_fresnel
 from yesnt.relight.combine import Response
@@ -25,9 +26,6 @@ Places = NDArray[np.intp]
 
 SHARP = 0.4
 """Roughness below which the lobe is followed: wider ones are seen by the samples of the light."""
-
-MIRROR = 0.05
-"""Roughness below which every pixel is looked at, with one ray in each of its four parts."""
 
 FINE = 0.1
 """Roughness below which the light along the rays replaces the sum over texels, whose cells such a lobe would show."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from yesnt.relight.proxy import ProxyScene
 from yesnt.scene.delivered_picture import DeliveredPicture, Hits
 from yesnt.scene.mesh_normals import smooth_normals
-from yesnt.scene.vertex_materials import vertex_values
+from yesnt.scene.vertex_materials import MeasuredVertices, vertex_values
 
 F32 = NDArray[np.float32]
 
@@ -43,10 +43,12 @@ class SubjectMaterials:
     Attributes:
         picture: what the delivered camera sees of it.
         base_color: [H, W, 3] 0..1.
+        measured: base colour, roughness and metallic of vertices that other cameras see; None: there are none.
     """
 
     picture: DeliveredPicture
     base_color: F32
+    measured: MeasuredVertices | None = None
 
     def at(self, hits: Hits) -> Materials:
         """At points of the proxy: the picture's where it shows them, else the vertices' and the mesh's own normals."""
@@ -72,7 +74,7 @@ class SubjectMaterials:
         """Base colour, roughness and metallic [V, 5] of the vertices."""
         mesh, seen = self.picture.mesh, self.picture.surface
         arrays = self._image[..., :5], np.asarray(seen.opacity, np.float32), np.asarray(seen.z, np.float32)
-        return vertex_values((mesh.vertices, mesh.faces), (seen.camera, seen.frame), *arrays)
+        return vertex_values((mesh.vertices, mesh.faces), (seen.camera, seen.frame), *arrays, self.measured)
 
 
 def _towards_ray(mesh: ProxyScene, hits: Hits, normal: F32) -> F32:

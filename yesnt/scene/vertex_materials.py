@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,10 +18,27 @@ NEAR = 0.03
 """Metres along the view within which a vertex lies on the surface that a pixel shows."""
 
 
+class MeasuredVertices(NamedTuple):
+    """What other cameras say of V vertices.
+
+    Attributes:
+        values: [V, K].
+        known: [V] where they say anything.
+    """
+
+    values: F32
+    known: NDArray[np.bool_]
+
+
 def vertex_values(
-    mesh: tuple[F32, NDArray[np.int32]], view: tuple[Camera, int | None], values: F32, opacity: F32, z: F32
+    mesh: tuple[F32, NDArray[np.int32]],
+    view: tuple[Camera, int | None],
+    values: F32,
+    opacity: F32,
+    z: F32,
+    measured: MeasuredVertices | None = None,
 ) -> F32:
-    """Values of the vertices: of the pixel that shows a vertex, else spread over the mesh from those that are seen.
+    """Values of the vertices: of the pixel that shows a vertex, else as measured, else spread over the mesh from those.
 
     Args:
         mesh: vertices [V, 3] in world metres and triangles [F, 3].
@@ -27,6 +46,7 @@ def vertex_values(
         values: [H, W, K] straight.
         opacity: [H, W] coverage; pixels of at least `COVERED` are read, where there are none all above 0.5.
         z: [H, W] planar metres.
+        measured: by other cameras; None: there are none.
 
     Returns:
         [V, K]; the mean of the covered pixels for parts of the mesh of which no vertex is seen, 0 without any.
@@ -36,7 +56,14 @@ def vertex_values(
     fallback = values[solid].mean(axis=0) if solid.any() else np.zeros(values.shape[-1])
     pixel, seen = _shown(vertices, view, solid, z)
     known = np.where(seen[:, None], values.reshape(-1, values.shape[-1])[pixel], 0).astype(np.float64)
+    if measured is not None:
+        known, seen = np.where(seen[:, None], known, measured.values), seen | measured.known
     return _spread(known, seen, faces, fallback).astype(np.float32)
+
+
+def shown_vertices(vertices: F32, view: tuple[Camera, int | None], opacity: F32, z: F32) -> NDArray[np.bool_]:
+    """Whether the picture shows each vertex [V]; arguments as of `vertex_values`."""
+    return _shown(vertices, view, covered_pixels(opacity), z)[1]
 
 
 def covered_pixels(opacity: F32) -> NDArray[np.bool_]:

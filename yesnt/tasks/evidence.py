@@ -2,23 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import lru_cache
-from pathlib import Path
-
 import numpy as np
 from numpy.typing import NDArray
 
-from yesnt.capture.files import camera_files
-from yesnt.capture.pictures import read_view
-from yesnt.decompose.evidence.records import FrameEvidence, View
+from yesnt.decompose.evidence.records import FrameEvidence
 from yesnt.decompose.reuse import Link
-from yesnt.io.calibrations.registry import calibration_files
-from yesnt.io.cameras import CalibratedCamera, World, calibration_path, calibration_roles, read_cameras
 from yesnt.planning import settings as of
 from yesnt.planning.stages import DECOMPOSE, EVIDENCE, FLOW
 from yesnt.planning.task_records import CarryEvidenceTask, MeasureTask
-from yesnt.tasks.inputs import prove_input
+from yesnt.tasks.captured_views import captured_views
 from yesnt.tasks.light import LightFiles
 from yesnt.tasks.workspace import Workspace
 
@@ -47,7 +39,7 @@ def measure_materials(space: Workspace[MeasureTask]) -> None:
         _commit(space, FrameEvidence(mean, spread, np.zeros(mean.shape[1:], np.float32), {}, {}))
         return
     plate, seen = space.plate(frame, working=True), space.surface(frame, camera)
-    views, mesh = _views(space), space.inputs.proxy()
+    views, mesh = captured_views(space), space.inputs.proxy()
     settings = of.relight_settings(job.shot)
     with space.kernel():
         proxy = relight_inputs.proxy_scene(mesh, ProxyScene)
@@ -68,32 +60,6 @@ def _commit(space: Workspace[MeasureTask], found: FrameEvidence) -> None:
     if found.moved > MOST_MOVED * matte.sum():
         without[MOVED] = found.moved
     space.commit(space.frame, _channels(found), facts=facts | ({"clamped": without} if without else {}))
-
-
-def _views(space: Workspace[MeasureTask]) -> list[View]:
-    """Pictures of the task's cameras, each proved to be the file that the node's key names."""
-    job, frame, known = space.job, space.frame, space.node.inputs
-    capture = job.shot.captured
-    assert capture is not None
-    roles = calibration_roles(job.root, capture)
-    digests = tuple(known[role] for role in roles)
-    calibrated = _cameras(calibration_path(job.root, capture), World(capture.up, capture.units), digests)
-    views = []
-    with space.clock.reading_time():
-        for name in space.task.cameras:
-            views.append(read_view(job, name, calibrated[name], frame))
-            for role, path in camera_files(job.root, capture, name, frame).items():
-                prove_input(path, known[f"{role} {name}"])
-    return views
-
-
-@lru_cache(maxsize=2)
-def _cameras(path: Path, world: World, digests: tuple[str, ...]) -> Mapping[str, CalibratedCamera]:
-    """The cameras of a calibration whose files have these digests."""
-    found = read_cameras(path, world)
-    for file, digest in zip(calibration_files(path), digests, strict=True):
-        prove_input(file, digest)
-    return found
 
 
 def carry_materials(space: Workspace[CarryEvidenceTask]) -> None:

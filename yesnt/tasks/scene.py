@@ -22,8 +22,10 @@ from yesnt.io.jobfile import frame_path
 from yesnt.io.mesh import read_proxy
 from yesnt.planning.stages import RELIGHT, SOLVE
 from yesnt.planning.task_records import BakeTask, SceneTask
+from yesnt.tasks.captured_views import captured_views
 from yesnt.tasks.inputs import prove_input
 from yesnt.tasks.light import LightFiles, frame_map
+from yesnt.tasks.unseen_sides import measured_sides
 from yesnt.tasks.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -83,16 +85,23 @@ def _channels(layers: SceneLayers) -> dict[str, F32]:
 
 
 def _painted(space: Workspace[SceneTask]) -> PaintedMesh:
-    """The proxy of the frame with the base colour and the materials that the store holds."""
+    """The proxy of the frame with the base colour and the materials that the store holds, and cameras elsewhere say."""
+    from yesnt.relight import ProxyScene
     from yesnt.scene.vertex_materials import vertex_values
+    from yesnt.tasks.relight_inputs import RelightInputs
 
     job, frame, camera, mesh = space.job, space.frame, space.camera(), space.inputs.proxy()
     assert mesh is not None, "the job's own check"
-    color = convert(space.read(RELIGHT, "base_color", frame).transpose(1, 2, 0), job.colors.to_scene)
-    values = np.concatenate([color, space.read(SOLVE, "material", frame).transpose(1, 2, 0)], axis=-1)
+    base, material = space.read(RELIGHT, "base_color", frame).transpose(1, 2, 0), space.read(SOLVE, "material", frame)
+    values = np.concatenate([base, material.transpose(1, 2, 0)], axis=-1)
     plate, seen = space.plate(frame, working=True), space.surface(frame, camera)
-    found = vertex_values((mesh.vertices, mesh.faces), (camera, frame), values, plate.matte, seen.z)
-    return PaintedMesh(mesh.vertices, mesh.faces, np.clip(found[:, :3], 0, 1), found[:, 3], found[:, 4])
+    views = captured_views(space) if space.task.cameras else []
+    proxy = ProxyScene.from_arrays(mesh.vertices, mesh.faces)
+    surface = RelightInputs(plate, seen, camera, frame, proxy).surface(material)
+    measured = measured_sides(space, views, surface, proxy)
+    found = vertex_values((mesh.vertices, mesh.faces), (camera, frame), values, plate.matte, seen.z, measured)
+    color = np.clip(convert(found[:, :3], job.colors.to_scene), 0, 1)
+    return PaintedMesh(mesh.vertices, mesh.faces, color, found[:, 3], found[:, 4])
 
 
 def _working(job: Job, plate: Any) -> tuple[F32, F32]:

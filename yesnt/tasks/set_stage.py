@@ -12,9 +12,11 @@ from yesnt.planning import settings as of
 from yesnt.planning.stages import RELIGHT, SOLVE
 from yesnt.planning.task_records import SetTask
 from yesnt.tasks import relight_inputs
+from yesnt.tasks.captured_views import captured_views
 from yesnt.tasks.ground import read_ground
 from yesnt.tasks.light import LightFiles, light_of_the_sun, map_behind, relighting_light
 from yesnt.tasks.surroundings import surroundings
+from yesnt.tasks.unseen_sides import measured_sides
 from yesnt.tasks.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -40,6 +42,7 @@ def light_the_set(space: Workspace[SetTask]) -> None:
     assert around is not None
     plate, seen, mesh = space.plate(frame, working=True), space.surface(frame, camera), space.inputs.proxy()
     settings, material = of.relight_settings(shot), space.read(SOLVE, "material", frame)
+    views = captured_views(space) if space.task.cameras else []
     base, diffuse = _relit(space, "base_color", "diffuse")
     from yesnt.relight import ProxyScene
 
@@ -49,7 +52,8 @@ def light_the_set(space: Workspace[SetTask]) -> None:
         surface = relight_inputs.RelightInputs(plate, seen, camera, frame, proxy).surface(material)
         files = LightFiles.of_task(space)
         light = relighting_light(files, surface, settings)
-        subject = RelitSubject(surface, base, diffuse, proxy)
+        measured = measured_sides(space, views, surface, proxy)
+        subject = RelitSubject(surface, base, diffuse, proxy, measured)
         image = _image(ground, around, surface)
         behind = map_behind(files, camera, ground) if given.mode == "show" else None
         layers = lit_set(image, subject, light, around, settings, behind)
@@ -60,7 +64,7 @@ def light_the_set(space: Workspace[SetTask]) -> None:
         if sun is not None:
             behind = map_behind(files, camera, ground, sun=True) if given.mode == "show" else None
             (diffuse,) = _relit(space, "sun_diffuse")
-            in_sun = RelitSubject(surface, base, diffuse, proxy)
+            in_sun = RelitSubject(surface, base, diffuse, proxy, measured)
             planes["set_sun"] = _of_sun(lit_set(image, in_sun, sun, around, settings, behind))
     space.commit(frame, planes)
 

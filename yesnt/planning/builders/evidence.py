@@ -62,7 +62,7 @@ def _settings(plan: ShotPlan, frame: int) -> SharedSettings:
     assert shot.captured is not None
     return shared(
         evidence=changed_fields(of.evidence_settings(shot)),
-        relight=_read(shot),
+        relight=relight_read(shot),
         capture=changed_keys(capture, {"path"}) if capture else None,
         pictures=changed_keys(shot.captured, {"cameras", "images", "mattes"}),
         gbuffer=changed_keys(shot.gbuffer, {"path"}),
@@ -72,7 +72,8 @@ def _settings(plan: ShotPlan, frame: int) -> SharedSettings:
     )
 
 
-def _read(shot: Shot) -> dict[str, Any]:
+def relight_read(shot: Shot) -> dict[str, Any]:
+    """Settings of relighting that the evidence depends on, where they differ from their defaults."""
     return {name: value for name, value in changed_fields(of.relight_settings(shot)).items() if name in READS}
 
 

@@ -9,6 +9,7 @@ from yesnt.blender_set.settings import QUALITIES
 from yesnt.core.scene_input import has_world
 from yesnt.io.records import SharedSettings
 from yesnt.planning.builders.assemble import frame_keys, frame_node, ids, node_fields
+from yesnt.planning.builders.sides import sides_of
 from yesnt.planning.graph import Graph, Node
 from yesnt.planning.keyed_settings import changed_fields, changed_keys, shared
 from yesnt.planning.shot_plan import ShotPlan
@@ -44,9 +45,11 @@ def scene_nodes(plan: ShotPlan, graph: Graph) -> Iterator[Node]:
         )  # fmt: skip
         turn = {"light": changed_keys(shot.light.at(frame), {"path"})} if world else {}
         upstream = frame_keys(graph, frame, [SOLVE, RELIGHT])
-        fields = node_fields(plan, SET, settings, upstream, inputs=inputs, frame=frame, **turn)
+        sides = sides_of(plan, frame)
+        own = {"inputs": inputs | sides.inputs, "frame": frame, **turn, **sides.fields}
+        fields = node_fields(plan, SET, settings, upstream, **own)
         needs = [graph.committer(stage, frame) for stage in (SOLVE, RELIGHT)]
-        yield frame_node(plan, SET, frame, fields, SceneTask(), needs)
+        yield frame_node(plan, SET, frame, fields, SceneTask(sides.cameras), needs)
 
 
 def _settings(plan: ShotPlan, what: str) -> SharedSettings:

@@ -8,6 +8,7 @@ from typing import Any
 from yesnt.core.shot import Shot
 from yesnt.planning import settings as of
 from yesnt.planning.builders.assemble import frame_keys, frame_node, node_fields, node_keys
+from yesnt.planning.builders.sides import sides_of
 from yesnt.planning.graph import Graph, Node
 from yesnt.planning.keyed_settings import changed_fields, changed_keys, shared
 from yesnt.planning.shot_plan import ShotPlan
@@ -27,9 +28,11 @@ def set_nodes(plan: ShotPlan, graph: Graph) -> Iterator[Node]:
             camera=shot.camera, mesh=shot.built_in_set.mesh,
         )  # fmt: skip
         upstream = frame_keys(graph, frame, (SOLVE, RELIGHT)) | node_keys([ground])
-        fields = node_fields(plan, SET, _settings(plan, shot, frame), upstream, inputs=inputs)
+        sides = sides_of(plan, frame)
+        settings = _settings(plan, shot, frame)
+        fields = node_fields(plan, SET, settings, upstream, inputs=inputs | sides.inputs, **sides.fields)
         needs = [graph.committer(stage, frame) for stage in (SOLVE, RELIGHT)] + [ground]
-        yield frame_node(plan, SET, frame, fields, SetTask(), needs)
+        yield frame_node(plan, SET, frame, fields, SetTask(sides.cameras), needs)
 
 
 def _settings(plan: ShotPlan, shot: Shot, frame: int) -> Any:

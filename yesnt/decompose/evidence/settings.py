@@ -15,7 +15,8 @@ METALLIC = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 _RANGES = {
     "roughness_levels": (2, 64), "metallic_levels": (2, 64), "radius": (0, 64), "least_views": (1, 256),
-    "normal_error": (0, 30), "steps": (1, 64), "passes": (1, 16), "independent": (1, 1_000_000), "tile": (64, 1_000_000),
+    "normal_error": (0, 30), "steps": (1, 64), "passes": (1, 16), "independent": (1, 1_000_000),
+    "tile": (64, 1_000_000),
 }  # fmt: skip
 
 METALLIC_PRIOR = (0.0023, 0.0213)

@@ -19,7 +19,7 @@ from yesnt.relight.proxy import ProxyScene
 from yesnt.relight.settings import RelightSettings
 from yesnt.relight.surroundings import Surroundings
 from yesnt.scene.delivered_picture import DeliveredPicture
-from yesnt.scene.set_light import light_set
+from yesnt.scene.set_light import SetLight, light_set
 from yesnt.scene.set_scene import SetScene
 from yesnt.scene.set_view import SetImage
 from yesnt.scene.subject import Lighting, Subject
@@ -115,6 +115,8 @@ def lit_set(
     own = surroundings if surroundings.floor is None else None
     scene = SetScene(subject.around(light, surroundings, settings), own, settings.offset)
     lit = light_set(image.view, light, scene, settings)
+    if image.edges is not None:
+        lit = SetLight(*map(image.edges.of, lit))
     pixels, cover = image.view.pixels, image.cover[:, None]
     if behind is None:
         ratio = 1 - cover * (1 - _over(lit.blocked, lit.open))

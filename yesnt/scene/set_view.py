@@ -13,6 +13,7 @@ from yesnt.relight.points import Pixels
 from yesnt.relight.proxy import OPEN, ProxyScene
 from yesnt.relight.surroundings import SetMaterial
 from yesnt.scene.ground import Ground
+from yesnt.scene.mesh_edges import OFF, EdgeMix, edge_mix, other_surface
 from yesnt.scene.mesh_normals import CREASE, smooth_normals
 from yesnt.scene.pixel_parts import PARTS, PixelParts
 from yesnt.scene.set_scene import SetView
@@ -22,8 +23,9 @@ F32 = NDArray[np.float32]
 SIDE = 4
 """A mesh covers a pixel as far as this many by this many rays meet it."""
 
+_PLACES = tuple(((x + 0.5) / SIDE - 0.5, (y + 0.5) / SIDE - 0.5) for y in range(SIDE) for x in range(SIDE))
+
 _GRAZING = 1e-4  # least slope of a ray that meets a plane: the next row would lie kilometres away
-_OFF = 2e-3  # share of its distance by which a part's point may be off the mesh: curved surfaces leave their planes
 _BEHIND = 0.02  # metres by which a mesh must be in front of the subject to hide it: feet sink into a floor
 
 
@@ -34,11 +36,13 @@ class SetImage(NamedTuple):
         view: its P pixels.
         cover: [P] share of the pixel that shows it, fading included.
         holdout: [H, W] share of the pixel in which it is in front of the subject.
+        edges: pixels in which surfaces of a mesh meet; None: there are none.
     """
 
     view: SetView
     cover: F32
     holdout: F32
+    edges: EdgeMix | None = None
 
 
 def ground_image(ground: Ground, material: SetMaterial, camera: Camera, frame: int) -> SetImage:
@@ -62,11 +66,9 @@ def mesh_image(mesh: ProxyScene, material: SetMaterial, camera: Camera, frame: i
     A pixel is shaded where the first of its rays that meets the mesh meets it, beginning with that through its middle.
     """
     shape, eye = (camera.height, camera.width), camera.position(frame).astype(np.float32)
-    offsets = (np.arange(SIDE) + 0.5) / SIDE - 0.5
-    places = [(0.0, 0.0)] + [(x, y) for y in offsets for x in offsets]
-    share, before = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    share, before, several = np.zeros(shape, np.float32), np.zeros(shape, np.float32), np.zeros(shape, np.bool_)
     face, point = np.full(shape, OPEN, np.int32), np.zeros((*shape, 3), np.float32)
-    for number, (across, down) in enumerate(places):
+    for number, (across, down) in enumerate(((0.0, 0.0), *_PLACES)):
         rays = camera.windowed(across, down, camera.width, camera.height).rays(frame)
         length = np.linalg.norm(rays, axis=-1)
         unit = (rays / length[..., None]).reshape(-1, 3)
@@ -75,6 +77,10 @@ def mesh_image(mesh: ProxyScene, material: SetMaterial, camera: Camera, frame: i
         depth = np.where(found != OPEN, met["tfar"].reshape(shape) / length, np.inf)
         fresh = (face == OPEN) & (found != OPEN)
         face[fresh], point[fresh] = found[fresh], (eye + rays * np.where(fresh, depth, 0)[..., None])[fresh]
+        apart = np.flatnonzero((found != face) & (found != OPEN) & (face != OPEN))
+        faces = face.reshape(-1)[apart], found.reshape(-1)[apart].astype(np.int32)
+        places = point.reshape(-1, 3)[apart], eye + (rays * depth[..., None]).reshape(-1, 3)[apart]
+        several.reshape(-1)[apart[other_surface(mesh, eye, faces, places)]] = True
         if number:  # the ray through the middle would count twice
             share += found != OPEN
             before += (depth < z - _BEHIND) & (z > 0)
@@ -82,7 +88,10 @@ def mesh_image(mesh: ProxyScene, material: SetMaterial, camera: Camera, frame: i
     where, at = face.reshape(-1)[index], point.reshape(-1, 3)[index]
     view = _view(index, at, _normals(mesh, where, at, eye), material, camera, frame)
     view = replace(view, parts=_on_surface(view, mesh))
-    return SetImage(view, share.reshape(-1)[index] / np.float32(SIDE**2), before / np.float32(SIDE**2))
+    edge, window = np.flatnonzero(several.reshape(-1)[index]), (camera.width, camera.height)
+    through = [camera.windowed(*one, *window).rays(frame).reshape(-1, 3)[index[edge]] for one in _PLACES]
+    mix = edge_mix(view.pixels, mesh, eye, edge, np.stack(through, axis=1))
+    return SetImage(view, share.reshape(-1)[index] / np.float32(SIDE**2), before / np.float32(SIDE**2), mix)
 
 
 def _view(
@@ -111,7 +120,7 @@ def _on_surface(view: SetView, mesh: ProxyScene) -> PixelParts:
         far = np.linalg.norm(point - parts.eye, axis=1)
         met = mesh.trace(start, aim)
         turned = np.abs((mesh.normals[met["primID"].astype(np.int32)] * pixels.normal).sum(axis=1)) < CREASE
-        off = turned | (np.abs(met["tfar"] - far) > _OFF * far)
+        off = turned | (np.abs(met["tfar"] - far) > OFF * far)
         rays[number][off] = (pixels.position - parts.eye)[off]
     return PixelParts(parts.eye, rays)
 

@@ -38,6 +38,8 @@ EVALUATION_TASKS = (
     "bounce_task",
     "sequence_tasks",
     "measured_tasks",
+    "fitted_tasks",
+    "fitted_rows",
     "evidence_rows",
     "scorer",
     "scene",

@@ -146,7 +146,7 @@ def test_auto_needs_four_cameras_and_says_so(tmp_path) -> None:
         ({"capture": None, "evidence": {"every": 2}}, "`capture`, which is absent"),
         ({"proxy": None}, "`capture` needs `proxy`"),
         ({"capture": {"cameras": "cameras.json", "images": "capture/plate.####.exr"}}, "capture.images"),
-        ({"evidence": {"time": True}}, "Unknown key 'evidence.time'"),
+        ({"evidence": {"tracks": True}}, "Unknown key 'evidence.tracks'"),
         ({"evidence": {"use": "yes"}}, "'evidence.use"),
     ],
 )
@@ -230,3 +230,44 @@ def test_a_camera_that_contradicts_the_others_is_named_at_the_end_of_the_run(tmp
     assert "c03: " in line
     reason = session.book.find(EVIDENCE, 1001).facts["left_out"]["c03"]
     assert reason == "its picture is black where the others see the subject"
+
+
+def test_one_camera_over_time_measures_without_a_capture(tmp_path) -> None:
+    path = write_capture_shot(tmp_path, capture=None, evidence={"time": True}, frames=3)
+    session = run_here(path, "composite")
+    graph = session.graph()
+    tasks = {node.frames[0]: node.task for node in graph if node.stage == EVIDENCE}
+    assert {frame: task.moments for frame, task in tasks.items()} == {
+        1001: (1002, 1003), 1002: (1003, 1001), 1003: (1002, 1001),
+    }  # fmt: skip
+    views = delivered(session, 1002)["views.Y"]
+    inside = truth()[1]
+    assert views[inside].max() == 3
+    facts = session.book.find(EVIDENCE, 1002).facts
+    assert facts["views"] > 2
+    assert facts["left_out"] == {}
+
+
+def test_what_is_measured_over_time_follows_every_frame_that_it_reads(tmp_path) -> None:
+    path = write_capture_shot(tmp_path, capture=None, evidence={"time": True, "every": 2, "cameras": 1}, frames=5)
+    before = keys(path)
+    assert {n.frames[0]: n.task for n in Session(path).graph() if n.stage == EVIDENCE}[1002].keyframe == 1003
+    (tmp_path / "plate.1004.exr").write_bytes((tmp_path / "plate.1003.exr").read_bytes())
+    assert keys(path) == before, "the same bytes"
+    color = np.full((SIZE, SIZE), 0.3, np.float32)
+    write_exr(tmp_path / "plate.1004.exr", {c: color for c in "RGBA"})
+    after = keys(path)
+    assert sorted(f for f in before if before[f] != after[f]) == [1002, 1003, 1004, 1005], "1003 reads 1004 beside it"
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"evidence": {"time": True}}, "evidence.time: on measures by the plate's camera alone"),
+        ({"evidence": {"time": True, "use": False}, "capture": None}, "evidence.use: false says that nothing does"),
+        ({"evidence": {"time": True}, "capture": None, "proxy": None}, "evidence.time: on needs `proxy`"),
+    ],
+)
+def test_time_that_contradicts_the_job_is_refused(tmp_path, changes, expected) -> None:
+    with pytest.raises(JobError, match=expected):
+        Session(write_capture_shot(tmp_path, **changes))

@@ -60,13 +60,15 @@ class EvidenceInput(Part):
     """Whether and how the capture's cameras measure the materials.
 
     `use: auto` measures where at least four cameras see the subject. `cameras` is the largest number of cameras of a
-    frame; every `every`-th frame is measured, and the others take the result along the flow. `knobs` are fields of
+    frame; every `every`-th frame is measured, and the others take the result along the flow. `time: on` measures by
+    other frames of the plate's own camera in place of a capture, at most `cameras` of them. `knobs` are fields of
     EvidenceSettings.
     """
 
     use: Literal["auto", True, False] = "auto"
     cameras: Annotated[int, Field(ge=1, le=256)] = 12
     every: Annotated[int, Field(ge=1, le=4096)] = 1
+    time: bool = False
     knobs: dict[str, Knob] = Field(default_factory=dict)
 
 
@@ -74,11 +76,24 @@ def refuse_unmeasurable(capture: CaptureCameras | None, evidence: EvidenceInput,
     """Refuses sections that do not go together.
 
     Raises:
-        ValueError: `evidence` without `capture`, or `capture` without a proxy.
+        ValueError: `evidence` without `capture`, `capture` without a proxy, or `time: on` with a capture, without a
+            proxy, or where `use: false` says that nothing measures.
     """
+    if evidence.time:
+        _refuse_untrackable(capture, evidence, has_proxy)
+        return
     if evidence.use is False:
         return
     if capture is None and evidence != EvidenceInput():
         raise ValueError("`evidence` measures by the cameras of `capture`, which is absent")
     if capture is not None and not has_proxy:
         raise ValueError("`capture` needs `proxy`, which tells what a camera sees; or set evidence.use: false")
+
+
+def _refuse_untrackable(capture: CaptureCameras | None, evidence: EvidenceInput, has_proxy: bool) -> None:
+    if evidence.use is False:
+        raise ValueError("evidence.time: on measures, and evidence.use: false says that nothing does; remove one")
+    if capture is not None:
+        raise ValueError("evidence.time: on measures by the plate's camera alone; with `capture` its cameras measure")
+    if not has_proxy:
+        raise ValueError("evidence.time: on needs `proxy`, which tells what occludes the light; or remove it")

@@ -66,14 +66,25 @@ def propagate_keyframe(
         The estimate at the earlier frame; `known` where the chained flow is valid and the keyframe's confidence
         suffices.
     """
-    flow, validity = links[-1].flow, links[-1].validity
-    for link, now, then in zip(links[-2::-1], mattes[-3::-1], mattes[-2::-1], strict=False):
-        onward, inside = sample_next(np.concatenate([flow, validity[..., None]], axis=-1), link.flow, now, then)
-        flow, validity = link.flow + onward[..., :2], link.validity * onward[..., 2] * inside
+    flow, validity = chained(links, mattes)
     planes, inside = sample_next(np.concatenate([mean, std]).transpose(1, 2, 0), flow, mattes[0], mattes[-1])
     propagated, count = planes.transpose(2, 0, 1), len(mean)
     confident = confidence(propagated[count:], LARGEST_STD).min(axis=0) >= settings.reuse_confidence
     return Prior(propagated[:count], propagated[count:], inside & confident & (validity >= settings.reuse_validity))
+
+
+def chained(links: Sequence[Link], mattes: Sequence[Mask]) -> tuple[Float32, Float32]:
+    """Flow [H, W, 2] from a frame to a later one, and the product [H, W] of the validities on the way.
+
+    Args:
+        links: flow from each frame to the next, in order of time; at least one.
+        mattes: [H, W] bool, of every frame on the way: one more than links.
+    """
+    flow, validity = links[-1].flow, links[-1].validity
+    for link, now, then in zip(links[-2::-1], mattes[-3::-1], mattes[-2::-1], strict=False):
+        onward, inside = sample_next(np.concatenate([flow, validity[..., None]], axis=-1), link.flow, now, then)
+        flow, validity = link.flow + onward[..., :2], link.validity * onward[..., 2] * inside
+    return flow, validity
 
 
 def combine(drawn: Prior, weight: Float32, prior: Prior, matte: Float32) -> Prior:

@@ -11,6 +11,7 @@ from yesnt.core.blocks import Chunks
 from yesnt.core.channels import OF_THE_SUN
 from yesnt.core.shot import Job
 from yesnt.core.stage_id import StageId
+from yesnt.decompose.evidence.settings import OFFSETS
 from yesnt.decompose.identity import BackendIdentity
 from yesnt.decompose.settings import EnsembleSettings, keyframes_taken
 from yesnt.decompose.window import Window, plan_windows
@@ -78,13 +79,32 @@ class ShotPlan:
     @property
     def estimated(self) -> StageId:
         """The stage whose materials are corrected, if the job corrects them."""
-        return EVIDENCE if self.views else DECOMPOSE
+        return EVIDENCE if self.views or self.moments else DECOMPOSE
 
     @cached_property
     def evidence_keyframes(self) -> Mapping[int, int]:
         """Frame that is not measured -> the later frame whose measured materials it takes along the flow."""
         found = keyframes_taken(self.job.frames, self.job.shot.evidence.every, self.absent, self.unlinked)
-        return {frame: key for frame, key in found.items() if key in self.views}
+        return found if self.job.shot.evidence.time else {f: key for f, key in found.items() if key in self.views}
+
+    @cached_property
+    def moments(self) -> Mapping[int, tuple[int, ...]]:
+        """Frame that is measured over time -> the other frames of the camera that measure it; empty if none is."""
+        if not self.job.shot.evidence.time:
+            return {}
+        measured = (frame for frame in self.present if frame not in self.evidence_keyframes)
+        return {frame: self._moments_of(frame) for frame in measured}
+
+    def _moments_of(self, frame: int) -> tuple[int, ...]:
+        """Frames that the flow links to a frame without a gap, the nearest first."""
+        frames, place = self.job.frames, self.job.position(frame)
+        found = []
+        for offset in OFFSETS:
+            other = place + offset
+            way = frames[min(place, other) : max(place, other)] if 0 <= other < len(frames) else ()
+            if way and self.unlinked.isdisjoint(way) and frames[other] not in self.absent:
+                found.append(frames[other])
+        return tuple(found[: self.job.shot.evidence.cameras])
 
     def _runs(self, row: Stage) -> bool:
         """Whether the job has tasks of an optional stage."""

@@ -120,10 +120,11 @@ _ROWS = (
     ),
     Stage(
         "evidence", 5, "frame", "observed, spread, plate, G-buffer, proxy, pictures of the capture's cameras; or "
-        "a measured frame and the flow to it (only jobs with a capture)",
+        "a measured frame and the flow to it; or the frames around it (only jobs with a capture or `evidence.time`)",
         Cost(1.0, 40.0, 600, 600, 5), "#5aa7a7",
         {
             records.MeasureTask: "yesnt.tasks.evidence:measure_materials",
+            records.TrackTask: "yesnt.tasks.evidence_tracks:measure_tracks",
             records.CarryEvidenceTask: "yesnt.tasks.evidence:carry_materials",
         },
         channels=("measured", "measured_spread", "views"), optional=True,

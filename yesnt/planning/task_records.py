@@ -131,6 +131,17 @@ class MeasureTask(TaskRecord):
 
 
 @dataclass(frozen=True)
+class TrackTask(TaskRecord):
+    """Measures the materials of one frame by other frames of the same camera.
+
+    Attributes:
+        moments: those frames; none: the model's estimate stands.
+    """
+
+    moments: tuple[int, ...]
+
+
+@dataclass(frozen=True)
 class CarryEvidenceTask(TaskRecord):
     """Takes the measured materials of a later frame along the flow.
 
@@ -296,4 +307,6 @@ def held_frames(task: TaskRecord, frames: tuple[int, ...]) -> int:
         return len(task.loaded)
     if isinstance(task, SolveBlockTask):
         return len(task.exchange.loaded(task.exchange.blocks[task.chunk], task.sweep))
+    if isinstance(task, TrackTask):
+        return 1 + len(task.moments)
     return len(frames) if isinstance(task, WindowTask | SolveJointlyTask | JoinBandsTask) else 1

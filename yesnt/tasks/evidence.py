@@ -9,7 +9,7 @@ from yesnt.decompose.evidence.records import FrameEvidence
 from yesnt.decompose.reuse import Link
 from yesnt.planning import settings as of
 from yesnt.planning.stages import DECOMPOSE, EVIDENCE, FLOW
-from yesnt.planning.task_records import CarryEvidenceTask, MeasureTask
+from yesnt.planning.task_records import CarryEvidenceTask, MeasureTask, TrackTask
 from yesnt.tasks.captured_views import captured_views
 from yesnt.tasks.light import LightFiles
 from yesnt.tasks.workspace import Workspace
@@ -36,7 +36,7 @@ def measure_materials(space: Workspace[MeasureTask]) -> None:
     job, frame, camera = space.job, space.frame, space.camera()
     mean, spread = (space.read(DECOMPOSE, name, frame) for name in ("observed", "spread"))
     if not space.task.cameras:
-        _commit(space, FrameEvidence(mean, spread, np.zeros(mean.shape[1:], np.float32), {}, {}))
+        commit_evidence(space, FrameEvidence(mean, spread, np.zeros(mean.shape[1:], np.float32), {}, {}))
         return
     plate, seen = space.plate(frame, working=True), space.surface(frame, camera)
     views, mesh = captured_views(space), space.inputs.proxy()
@@ -46,10 +46,11 @@ def measure_materials(space: Workspace[MeasureTask]) -> None:
         bare = relight_inputs.RelightInputs(plate, seen, camera, frame, proxy)
         inputs = evidence_inputs(bare, (mean, spread), views, LightFiles(job, frame, space.node.inputs), settings)
         found = measure_frame(inputs, settings, of.evidence_settings(job.shot))
-    _commit(space, found)
+    commit_evidence(space, found)
 
 
-def _commit(space: Workspace[MeasureTask], found: FrameEvidence) -> None:
+def commit_evidence(space: Workspace[MeasureTask] | Workspace[TrackTask], found: FrameEvidence) -> None:
+    """Commits what was measured in a frame, with the facts that reports and summaries show."""
     matte = space.matte(space.frame)
     shown = float(found.views[matte].mean()) if matte.any() else 0.0
     without = {f"{WITHOUT} {name}": int(matte.sum()) for name in found.left_out}

@@ -149,14 +149,15 @@ class TaskInputs:
         self._prove("background", self._job.shot.background.path)
         return found
 
-    def proxy(self) -> Mesh | None:
-        """The proxy mesh of the node's frame, or None if the job names none."""
+    def proxy(self, frame: int | None = None) -> Mesh | None:
+        """The proxy mesh of a frame, by default the node's, or None if the job names none."""
         if self._job.shot.proxy is None:
             return None
         from yesnt.io.mesh import read_proxy
 
-        mesh = read_proxy(self._job, self._node.frames[0])
-        self._prove("proxy", self._job.shot.proxy.path)
+        frame = self._node.frames[0] if frame is None else frame
+        mesh = read_proxy(self._job, frame)
+        self.prove("proxy", frame)
         return mesh
 
     def prove(self, role: str, frame: int) -> None:

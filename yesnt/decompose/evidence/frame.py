@@ -92,8 +92,8 @@ def measure_frame(inputs: EvidenceInputs, relight: RelightSettings, settings: Ev
     inputs = replace(inputs, surface=surface)
     pixels = gather_pixels(surface)
     views, left_out = _matching_views(inputs, settings)
-    scene = _scene(inputs, pixels, views, relight, settings)
-    frame = _Frame(inputs, pixels, scene, settings)
+    scene = capture_scene(inputs, pixels, views, relight, settings)
+    frame = MeasuredFrame(inputs, pixels, scene, settings)
     views, gains = frame.compare(views, left_out)
     light = frame.correct(views)
     mean, std, count = frame.measure(views)
@@ -112,7 +112,7 @@ def _matching_views(inputs: EvidenceInputs, settings: EvidenceSettings) -> tuple
     return found, left_out
 
 
-def _scene(
+def capture_scene(
     inputs: EvidenceInputs, pixels: Pixels, views: list[SeenView], relight: RelightSettings, settings: EvidenceSettings
 ) -> CaptureScene:
     """The light with what occludes it: always the proxy, whatever shadows relighting draws."""
@@ -141,7 +141,7 @@ class _Tile:
     seen: Observations
 
 
-class _Frame:
+class MeasuredFrame:
     """One frame while it is measured."""
 
     def __init__(self, inputs: EvidenceInputs, pixels: Pixels, scene: CaptureScene, settings: EvidenceSettings) -> None:
@@ -262,7 +262,7 @@ class _Frame:
         degrees, turned = self._settings.normal_error, None
         if degrees:
             turned = turned_responses(points, samples, self._scene, roughness_levels(self._settings), degrees)
-        cost = _likelihood(self._settings)(self._weighed(points, samples), of, self._settings, turned)
+        cost = likelihood_engine(self._settings)(self._weighed(points, samples), of, self._settings, turned)
         return cost.reshape(len(cost), -1)
 
     def _observations(self, samples: list[Sample]) -> Observations:
@@ -310,7 +310,7 @@ class _Frame:
 _Likelihood = Callable[[Observations, Responses, EvidenceSettings, tuple[Responses, Responses] | None], F32]
 
 
-def _likelihood(settings: EvidenceSettings) -> _Likelihood:
+def likelihood_engine(settings: EvidenceSettings) -> _Likelihood:
     """The function that computes the likelihood: compiled by Numba, or by torch."""
     if settings.engine == "numba":
         return negative_log_likelihood

@@ -136,6 +136,11 @@ class EvidenceSettings:
                 raise ValueError(f"{name} {getattr(self, name)} must be above 0")
 
 
+OFFSETS = (1, -1, 2, -2, 4, -4, 8, -8)
+"""Frames from a frame to those that measure it over time, the nearest first: wider ones turn the subject further, and
+the flow reaches fewer of their pixels."""
+
+
 Levels = np.ndarray[tuple[int], np.dtype[np.float64]]
 
 

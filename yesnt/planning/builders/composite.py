@@ -29,7 +29,7 @@ def composite_nodes(plan: ShotPlan, graph: Graph) -> Iterator[Node]:
         **_header(plan),
     )
     stages: tuple[StageId, ...] = (RELIGHT, plan.observed)
-    stages += (EVIDENCE,) if plan.views and plan.observed != EVIDENCE else ()
+    stages += (EVIDENCE,) if plan.estimated == EVIDENCE and plan.observed != EVIDENCE else ()
     stages += (SET,) if shot.set else ()
     for frame in plan.delivered:
         inputs = plan.inputs(frame, **_backdrop(plan))

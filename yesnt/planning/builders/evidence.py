@@ -16,7 +16,7 @@ from yesnt.planning.graph import Graph, Node
 from yesnt.planning.keyed_settings import changed_fields, changed_keys, shared
 from yesnt.planning.shot_plan import ShotPlan
 from yesnt.planning.stages import DECOMPOSE, EVIDENCE, FLOW
-from yesnt.planning.task_records import CarryEvidenceTask, MeasureTask
+from yesnt.planning.task_records import CarryEvidenceTask, MeasureTask, TrackTask
 
 READS = (
     "brdf", "diffuse", "capture_texels", "capture_clusters", "rows", "detail", "rays", "error", "offset",
@@ -29,10 +29,11 @@ CARRY_READS = ("least_views",)
 
 def evidence_nodes(plan: ShotPlan, graph: Graph) -> Iterator[Node]:
     """Frames that are measured, then those that take the result of a later one along the flow."""
-    if not plan.views:
+    if not plan.views and not plan.moments:
         return
     carried = {f: key for f, key in plan.evidence_keyframes.items() if f in plan.present}
-    yield from (_measured_node(plan, graph, frame) for frame in plan.present if frame not in carried)
+    measure = _tracked_node if plan.moments else _measured_node
+    yield from (measure(plan, graph, frame) for frame in plan.present if frame not in carried)
     yield from (_carried_node(plan, graph, frame, keyframe) for frame, keyframe in carried.items())
 
 
@@ -56,15 +57,34 @@ def _measured_node(plan: ShotPlan, graph: Graph, frame: int) -> Node:
     return frame_node(plan, EVIDENCE, frame, fields, MeasureTask(names), [decomposed])
 
 
+def _tracked_node(plan: ShotPlan, graph: Graph, frame: int) -> Node:
+    """One frame with the others that show the same points, and the flow between them."""
+    shot, moments, job = plan.job.shot, plan.moments[frame], plan.job
+    inputs = plan.inputs(frame, camera=shot.camera) | probe_inputs(plan)
+    for one in (frame, *moments):
+        files = plan.plate_inputs(one) | plan.inputs(
+            one, gbuffer=shot.gbuffer.path, proxy=shot.proxy.path if shot.proxy else None,
+            capture=shot.capture_light.path if shot.capture_light else None,
+        )  # fmt: skip
+        inputs |= files if one == frame else {f"{role} {one}": digest for role, digest in files.items()}
+    reached = (frame, *moments)
+    way = job.frames[job.position(min(reached)) : job.position(max(reached))]
+    needs = [graph.committer(DECOMPOSE, frame), *(graph.committer(FLOW, one) for one in way)]
+    capture = shot.capture_light
+    lights = [changed_keys(capture.at(one), {"path"}) for one in reached] if capture and moments else []
+    settings = SharedSettings(_settings(plan, frame), moments=[one - frame for one in moments], lights=lights)
+    fields = node_fields(plan, EVIDENCE, settings, node_keys(needs), inputs=inputs)
+    return frame_node(plan, EVIDENCE, frame, fields, TrackTask(moments), needs)
+
+
 def _settings(plan: ShotPlan, frame: int) -> SharedSettings:
     shot, colors = plan.job.shot, plan.job.colors
     capture = shot.capture_light.at(frame) if shot.capture_light else None
-    assert shot.captured is not None
     return shared(
         evidence=changed_fields(of.evidence_settings(shot)),
         relight=relight_read(shot),
         capture=changed_keys(capture, {"path"}) if capture else None,
-        pictures=changed_keys(shot.captured, {"cameras", "images", "mattes"}),
+        pictures=changed_keys(shot.captured, {"cameras", "images", "mattes"}) if shot.captured else None,
         gbuffer=changed_keys(shot.gbuffer, {"path"}),
         proxy=changed_keys(shot.proxy, {"path"}) if shot.proxy else None,
         **plan.plate_settings | {"color": colors.digests("plate_working", "capture_light", "capture")},

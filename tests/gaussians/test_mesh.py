@@ -9,6 +9,7 @@ from tests.gaussians.scenes import camera_at, shell
 from yesnt.gaussians.mesh import extract_mesh, largest_parts, smooth
 from yesnt.gaussians.mesh_settings import MeshSettings
 from yesnt.gaussians.opacity import ellipsoids, opacity_at, opacity_reference
+from yesnt.gaussians.records import SURFACE
 from yesnt.gaussians.tetrahedra import march
 
 EYES = [(1.2, 0.2, 0.3), (-1.0, 1.0, -0.5), (0.0, -1.3, 0.6), (0.1, 0.3, 1.4), (0.2, 0.1, -1.4)]
@@ -87,7 +88,7 @@ def test_every_case_of_a_tetrahedron_separates_inside_from_outside(inside: int) 
 def test_a_shell_becomes_a_closed_sphere_of_its_radius() -> None:
     import trimesh
 
-    mesh = extract_mesh(shell(400, 0.3), CAMERAS, MeshSettings(triangles=800))
+    mesh = extract_mesh(shell(400, 0.3), CAMERAS, MeshSettings(triangles=800, level=0.5))
     found = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
     radius = np.linalg.norm(mesh.vertices, axis=1)
     assert len(mesh.faces) <= 800
@@ -96,6 +97,16 @@ def test_a_shell_becomes_a_closed_sphere_of_its_radius() -> None:
     assert 1 < radius.mean() / 0.3 < 1.04  # flat discs that touch a sphere stand out at their rims
     assert radius.std() < 0.01 * 0.3
     assert found.volume > 0
+
+
+def test_a_lower_level_lies_farther_out_by_part_of_the_discs_thickness() -> None:
+    field = shell(400, 0.3)
+    radii = [
+        np.linalg.norm(extract_mesh(field, CAMERAS, MeshSettings(triangles=800, level=level)).vertices, axis=1).mean()
+        for level in (0.5, SURFACE)
+    ]
+    thickness = np.exp(field.log_scales[0, 2])
+    assert 0 < radii[1] - radii[0] < thickness
 
 
 def test_small_parts_are_dropped_and_an_empty_field_gives_no_triangles() -> None:

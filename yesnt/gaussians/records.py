@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from yesnt.core.camera import Camera
 from yesnt.core.errors import JobError
 
-SURFACE = 0.3
+SURFACE = 0.25
 """Opacity at the surface of a field, of which the depth of a view is the depth."""
 
 F32 = NDArray[np.float32]

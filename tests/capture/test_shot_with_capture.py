@@ -5,16 +5,19 @@ import numpy as np
 import pytest
 
 from tests.capture.capture_shot import SIZE, pictures_of, truth, write_cameras, write_capture_shot, write_view
+from tests.decompose.evidence.scenes import smooth_light
 from tests.in_process import run_here, shard_digests
 from yesnt.core.errors import JobError
 from yesnt.io.exr import write_exr
 from yesnt.io.pictures.image import read_image
 from yesnt.planning.stages import EVIDENCE
+from yesnt.relight.envmap import uv_to_direction
 from yesnt.report import write_report
 from yesnt.report.pictures import draw
 from yesnt.runtime.checks.inputs import inspect
 from yesnt.runtime.checks.preflight import resolve
 from yesnt.runtime.session import Session
+from yesnt.tasks.light import frame_map
 
 
 @pytest.fixture(scope="module")
@@ -230,6 +233,35 @@ def test_a_camera_that_contradicts_the_others_is_named_at_the_end_of_the_run(tmp
     assert "c03: " in line
     reason = session.book.find(EVIDENCE, 1001).facts["left_out"]["c03"]
     assert reason == "its picture is black where the others see the subject"
+
+
+def test_an_estimated_capture_light_follows_the_pictures_of_all_cameras(tmp_path) -> None:
+    path = write_capture_shot(tmp_path, capture_light="estimate")
+    session = run_here(path, "composite")
+    estimated = frame_map(session.job, session.job.shot.capture_light, 1001)
+    levels = estimated.radiance.mean(axis=-1)
+    true = smooth_light().lookup(estimated_directions(levels.shape)).mean(axis=-1)
+    assert np.corrcoef(levels.ravel(), true.ravel())[0, 1] > 0.7
+    before = keys(path, "relight")
+    _, color, matte, *_ = pictures_of(5)[1]
+    write_view(tmp_path, "c00", 1002, 0.9 * color, matte)
+    assert all(key != before[frame] for frame, key in keys(path, "relight").items()), "one light for all frames"
+    cameras = {f"c{i:02d}": view[0] for i, view in enumerate(pictures_of(5)[1:])}
+    after = keys(path, "relight")
+    write_cameras(tmp_path, cameras, c01={"gain": [1, 1, 1.1]})
+    assert all(key != after[frame] for frame, key in keys(path, "relight").items())
+
+
+def test_with_a_given_capture_light_relighting_does_not_read_the_cameras(tmp_path) -> None:
+    path = write_capture_shot(tmp_path)
+    node = next(node for node in Session(path).graph() if node.stage.name == "relight")
+    assert not [role for role in node.inputs if role.startswith("probe")]
+    assert "light_from" not in node.fields["settings"]
+
+
+def estimated_directions(shape):
+    u, v = np.meshgrid((np.arange(shape[1]) + 0.5) / shape[1], (np.arange(shape[0]) + 0.5) / shape[0])
+    return uv_to_direction(u, v).astype(np.float32)
 
 
 def test_one_camera_over_time_measures_without_a_capture(tmp_path) -> None:

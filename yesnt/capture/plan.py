@@ -69,6 +69,13 @@ def plan_capture(job: Job, plate: Camera) -> CapturePlan:
     return CapturePlan(views, reads=(_told(most, len(cameras)),))
 
 
+def light_probes(views: Mapping[int, tuple[str, ...]]) -> dict[int, tuple[str, ...]]:
+    """Frames and cameras that the capture light is estimated from: the first, the middle and the last measured one."""
+    frames = sorted(views)
+    chosen = sorted({0, (len(frames) - 1) // 2, len(frames) - 1}) if frames else ()
+    return {frames[place]: views[frames[place]] for place in chosen}
+
+
 _ENOUGH = 8  # cameras from which the gain does not grow any more (docs/evidence.md)
 
 

@@ -19,12 +19,12 @@ from yesnt.core.camera import Camera
 from yesnt.core.color_spaces import Conversion
 from yesnt.core.errors import JobError
 from yesnt.core.shot import CaptureInput, Job, LightInput
-from yesnt.io import env_maps, shot_inputs
+from yesnt.io import env_maps
 from yesnt.io.file_digests import file_digest
 from yesnt.io.jobfile import frame_path
 from yesnt.io.output import OutputFolder
-from yesnt.io.pictures.shot_raster import shot_camera
 from yesnt.planning.stages import BAKE
+from yesnt.tasks.estimated_light import estimate_files, estimated_map
 from yesnt.tasks.inputs import prove_input
 
 if TYPE_CHECKING:
@@ -56,21 +56,6 @@ def read_map(path: Path, spec: MapInput, conversion: Conversion) -> EnvMap:
     radiance = env_maps.read_radiance(path, conversion, spec.clamp, spec.layer).values
     env = EnvMap.from_array(radiance, spec.convention)
     return env if spec.clamp is None else env.clamped(spec.clamp)
-
-
-def estimated_map(job: Job) -> EnvMap:
-    """The capture light, estimated from the shading of the probe frames."""
-    from yesnt.relight import Surface, estimate_capture
-
-    camera = shot_camera(job)
-    plates, surfaces = [], []
-    for frame in job.probe_frames:
-        plate = shot_inputs.read_plate(job, frame, working=True)
-        seen = shot_inputs.read_surface(job, frame, camera)
-        unknown = np.zeros_like(seen.z)  # an estimate asks for no material
-        plates.append(plate.color)
-        surfaces.append(Surface(seen.normal, seen.z, plate.matte, unknown, unknown, camera, frame))
-    return estimate_capture(plates, surfaces)
 
 
 @dataclass(frozen=True)
@@ -162,10 +147,11 @@ class _Known:
         if isinstance(spec, CaptureInput) and spec.estimate:
             self._files |= {name: digests[name] for name in sorted(digests) if name.startswith("probe ")}
             self._files["camera"] = digests["camera"]
-            sections = (shot.plate, shot.matte, shot.gbuffer)
+            cameras = (shot.proxy, shot.captured) if shot.captured else ()
+            sections = (shot.plate, shot.matte, shot.gbuffer, *cameras)
             seen = (*(part.model_dump_json() for part in sections if part), files.job.window, files.job.display_size)
         colors = files.job.colors
-        color = colors.light if role == "light" else (colors.capture_light, colors.plate_working)
+        color = colors.light if role == "light" else (colors.capture_light, colors.plate_working, colors.capture)
         self._key = (spec, tuple(self._files.items()), seen, color)
 
     def __hash__(self) -> int:
@@ -206,12 +192,7 @@ def _map_paths(job: Job, frame: int) -> dict[str, Path]:
     }
     paths = {role: _map_path(job, spec, frame) for role, spec in files.items()}
     if job.shot.capture_light is not None and job.shot.capture_light.estimate:
-        paths["camera"] = frame_path(job.root, job.shot.camera, frame)
-        for probe in job.probe_frames:
-            paths[f"probe plate {probe}"] = frame_path(job.root, job.shot.plate.path, probe)
-            if job.shot.matte:
-                paths[f"probe matte {probe}"] = frame_path(job.root, job.shot.matte.path, probe)
-            paths[f"probe gbuffer {probe}"] = frame_path(job.root, job.shot.gbuffer.path, probe)
+        paths |= estimate_files(job)
     return paths
 
 

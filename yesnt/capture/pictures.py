@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.capture.files import MATTE, VIEW, camera_files, file_number
+from yesnt.capture.hull import Silhouette
 from yesnt.capture.undistort import resampling, undistorted_camera
 from yesnt.core.camera import Camera
 from yesnt.core.camera_document import Lens
@@ -64,6 +65,27 @@ def read_view(job: Job, name: str, calibrated: CalibratedCamera, frame: int) -> 
     return View(name, found.camera, found.pose, found.radiance, found.matte)
 
 
+def read_silhouette(job: Job, name: str, calibrated: CalibratedCamera, frame: int) -> Silhouette:
+    """The subject as a camera of the capture sees it in a frame; without its picture, if the matte has a file.
+
+    Raises:
+        JobError: as `read_view`.
+    """
+    capture = _capture(job)
+    files = camera_files(job.root, capture, name, frame)
+    if MATTE not in files:
+        view = read_view(job, name, calibrated, frame)
+        return Silhouette(name, view.camera, view.pose, view.matte)
+    path = files[MATTE]
+    index = video_index(path) if is_video(path) else find_matte(read_headers(path), None, "capture.mattes")[0].header
+    camera = _fitted(name, calibrated.camera, (index.width, index.height), capture, str(path))
+    matte, pose = _separate_matte(job, name, camera, files, frame), calibrated.pose_of(frame)
+    assert matte is not None, "its file is named"
+    if (taken := resampling(camera, pose, f"camera {name}")) is not None:
+        matte, camera = taken.apply(matte), undistorted_camera(camera, pose, taken)
+    return Silhouette(name, camera, pose, matte)
+
+
 def read_camera_picture(job: Job, name: str, calibrated: CalibratedCamera, frame: int) -> Picture:
     """What a camera of the capture saw in a frame.
 
@@ -80,11 +102,53 @@ def read_camera_picture(job: Job, name: str, calibrated: CalibratedCamera, frame
         alpha, matte = (None if part is None else taken.apply(part) for part in (alpha, matte))
     if alpha is not None:
         color = straighten(color, alpha)
+    radiance = _linear(job, color) * np.array(calibrated.gain, np.float32)
+    return Picture(name, camera, pose, radiance.astype(np.float32), matte)
+
+
+def read_recorded(
+    job: Job, name: str, calibrated: CalibratedCamera, path: Path, position: int | None
+) -> tuple[F32, Camera]:
+    """A picture of one camera as it was recorded, and the camera, whose lens still distorts.
+
+    Args:
+        job: the job.
+        name: of the camera.
+        calibrated: the camera.
+        path: a picture, or a video.
+        position: of the picture in the video; None of a picture.
+
+    Returns:
+        Radiance [H, W, 3], straight, scene-linear in the working space, NaN where a pixel is damaged; and the camera.
+
+    Raises:
+        JobError: the picture cannot be read, or is of another size than its camera.
+    """
+    if position is not None:
+        return recorded_in_video(job, name, calibrated, path, read_picture(path, position))
+    stored = _picture(job, name, calibrated.camera, path)
+    color = stored.color if stored.alpha is None else straighten(stored.color, stored.alpha)
+    return _linear(job, color) * np.array(calibrated.gain, np.float32), stored.camera
+
+
+def recorded_in_video(job: Job, name: str, calibrated: CalibratedCamera, path: Path, color: F32) -> tuple[F32, Camera]:
+    """The same of a picture [H, W, 3] that was decoded from a video."""
+    camera = _fitted(name, calibrated.camera, (color.shape[1], color.shape[0]), _capture(job), str(path))
+    return _linear(job, color) * np.array(calibrated.gain, np.float32), camera
+
+
+def frame_source(job: Job, name: str, frame: int) -> tuple[Path, int | None]:
+    """The file that shows a frame to a camera, and the position in it if it is a video."""
+    capture = _capture(job)
+    path = camera_files(job.root, capture, name, frame)[VIEW]
+    return path, video_position(capture, name, frame) if is_video(path) else None
+
+
+def _linear(job: Job, color: F32) -> F32:
+    """Scene-linear radiance of stored straight colours; NaN where a pixel is damaged."""
     damaged = np.asarray(~np.isfinite(color).all(axis=-1))
     linear = to_scene_linear(np.where(damaged[..., None], 0, color).astype(np.float32), job.colors.capture)
-    radiance = linear * np.array(calibrated.gain, np.float32)
-    radiance[damaged] = np.nan
-    return Picture(name, camera, pose, radiance.astype(np.float32), matte)
+    return np.where(damaged[..., None], np.nan, linear).astype(np.float32)
 
 
 def check_picture(
@@ -100,7 +164,9 @@ def check_picture(
         raise _no_matte(name, headers[0].path)
 
 
-def check_files(job: Job, name: str, calibrated: CalibratedCamera, frame: int, first: Statement) -> None:
+def check_files(
+    job: Job, name: str, calibrated: CalibratedCamera, frame: int, first: Statement, mattes: bool = True
+) -> None:
     """Looks at the headers of a camera's files of one frame, before any work.
 
     Args:
@@ -109,12 +175,15 @@ def check_files(job: Job, name: str, calibrated: CalibratedCamera, frame: int, f
         calibrated: the camera.
         frame: frame number.
         first: what the first camera's pictures say of their colours.
+        mattes: whether mattes are looked at; those that a run makes are not there before.
 
     Raises:
         JobError: as `read_view`, or the picture states another colour space than the others.
     """
     capture = _capture(job)
     files = camera_files(job.root, capture, name, frame)
+    if not mattes:
+        files.pop(MATTE, None)
     if is_video(files[VIEW]):
         _check_video(name, calibrated.camera, files[VIEW], capture, frame)
         if capture.mattes is None:
@@ -128,6 +197,22 @@ def check_files(job: Job, name: str, calibrated: CalibratedCamera, frame: int, f
         _check_video(name, calibrated.camera, files[MATTE], capture, frame)
     elif MATTE in files:
         _matte_channels(name, calibrated.camera, files[MATTE], capture)
+
+
+def check_plate(job: Job, name: str, calibrated: CalibratedCamera, path: Path, first: Statement) -> None:
+    """Looks at the header of a camera's clean plate, a picture or a video.
+
+    Raises:
+        JobError: it is of another size than its camera, or states another colour space than the pictures.
+    """
+    capture = _capture(job)
+    if is_video(path):
+        index = video_index(path)
+        _fitted(name, calibrated.camera, (index.width, index.height), capture, str(path))
+        return
+    found = find_color(read_headers(path), PlateInput(path=str(path)), "capture.matting")
+    _fitted(name, calibrated.camera, found.color[0].header.display.size, capture, str(path))
+    check_statement(path, job.shot, "capture", first)
 
 
 def video_position(capture: CaptureCameras, name: str, frame: int) -> int:
@@ -151,14 +236,20 @@ def _stored(job: Job, name: str, camera: Camera, files: dict[str, Path], frame: 
         color = read_picture(path, video_position(capture, name, frame))
         fitted = _fitted(name, camera, (color.shape[1], color.shape[0]), capture, str(path))
         return _Stored(color, None, _separate_matte(job, name, fitted, files, frame), fitted)
+    found = _picture(job, name, camera, path)
+    matte = _separate_matte(job, name, found.camera, files, frame)
+    return found if matte is None else replace(found, matte=matte)
+
+
+def _picture(job: Job, name: str, camera: Camera, path: Path) -> _Stored:
+    """A picture in a file of its own."""
     headers, spec = read_headers(path), PlateInput(path=str(path))
     found = find_color(headers, spec, "capture")
-    fitted = _fitted(name, camera, found.color[0].header.display.size, capture, headers[0].path)
+    fitted = _fitted(name, camera, found.color[0].header.display.size, _capture(job), headers[0].path)
     *rgb, last = read_placed(_sized(job, fitted), [*found.color, found.alpha or found.color[0]])
     alpha = None if found.alpha is None else np.clip(np.nan_to_num(last), 0, 1).astype(np.float32)
-    matte = _separate_matte(job, name, fitted, files, frame)
     multiplied = alpha if alpha is not None and association(found, spec) == PREMULTIPLIED else None
-    return _Stored(np.stack(rgb, axis=-1), multiplied, alpha if matte is None else matte, fitted)
+    return _Stored(np.stack(rgb, axis=-1), multiplied, alpha, fitted)
 
 
 def _capture(job: Job) -> CaptureCameras:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from yesnt.capture.agreement import estimate_gains, estimate_offsets, find_mistakes
 from yesnt.capture.hull import Hull, Silhouette, required_views, visual_hull
-from yesnt.capture.pictures import read_view
+from yesnt.capture.pictures import read_silhouette, read_view
+from yesnt.capture.reduced import reduced_camera, reduced_image
 from yesnt.capture.volume import Posed, common_volume, has_in_picture, looked_at
 from yesnt.core.errors import JobError
 from yesnt.core.shot import Job
@@ -65,14 +66,14 @@ def report_capture(job: Job, frame: int, reach: int = 0) -> CaptureReport:
     if problems:  # pictures say nothing before these are mended
         return CaptureReport(tuple(problems), {}, {}, None, len(cameras))
     views = _read(job, cameras, frame)
-    silhouettes = [_silhouette(view) for view in views]
+    silhouettes = [_reduced(view) for view in views]
     problems += [finding.text for finding in find_mistakes(silhouettes)]
     hull = visual_hull(silhouettes)
     problems += _of_size(hull, str(calibration_path(job.root, capture)))
     offsets: dict[str, int] = {}
     if reach and not hull.empty:
         offsets = estimate_offsets(_moments(job, cameras, frame, reach), reach)
-        problems += _of_time(offsets)
+        problems += _of_time(offsets, reach)
     gains = {} if hull.empty else estimate_gains(hull.points, hull.normals, _pairs(views))
     problems += _of_gains(gains)
     size = None if hull.empty else tuple(float(v) for v in np.ptp(hull.points, axis=0))
@@ -149,12 +150,13 @@ def _of_size(hull: Hull, where: str) -> Iterator[str]:
         )
 
 
-def _of_time(offsets: Mapping[str, int]) -> Iterator[str]:
+def _of_time(offsets: Mapping[str, int], reach: int) -> Iterator[str]:
     for name, late in offsets.items():
         if late:
+            farther = f"; `yesnt capture SHOT --sync {4 * reach}` looks farther" if abs(late) == reach else ""
             yield (
                 f"Camera {name} is out of sync: its silhouettes agree with the others' {late:+d} frames later. "
-                f"Do: add `{name}: {late}` to `capture.offsets`, on top of what stands there."
+                f"Do: add `{name}: {late}` to `capture.offsets`, on top of what stands there{farther}."
             )
 
 
@@ -177,25 +179,14 @@ def _moments(
 ) -> dict[int, Sequence[Silhouette]]:
     """Silhouettes of the frames around one, as far as files of the shot go."""
     frames = [f for f in range(frame - 2 * reach, frame + 2 * reach + 1) if f in job.frames]
-    return {f: [_silhouette(view) for view in _read(job, cameras, f)] for f in frames}
+    return {f: [_reduced(read_silhouette(job, name, one, f)) for name, one in cameras.items()] for f in frames}
 
 
-def _silhouette(view: View) -> Silhouette:
+def _reduced(view: View | Silhouette) -> Silhouette:
     """A view's matte, reduced if it is large: silhouettes are compared on a grid that is coarser still."""
-    import cv2
-
-    matte, camera = view.matte, view.camera
-    times = max(1, max(matte.shape) // _SIDE)
-    if times == 1:
-        return Silhouette(view.name, camera, view.pose, matte)
-    height, width = (side // times for side in matte.shape)
-    reduced = cv2.resize(matte[: height * times, : width * times], (width, height), interpolation=cv2.INTER_AREA)
-    lens = camera.lens(view.pose)
-    small = replace(
-        camera, width=width, height=height, fx=lens.fx / times, fy=lens.fy / times, cx=lens.cx / times,
-        cy=lens.cy / times, lenses={},
-    )  # fmt: skip
-    return Silhouette(view.name, small, view.pose, reduced)
+    times = max(1, max(view.matte.shape) // _SIDE)
+    camera = reduced_camera(view.camera, view.pose, times)
+    return Silhouette(view.name, camera, view.pose, reduced_image(view.matte, times))
 
 
 def _crop_pixels(matte: np.ndarray[tuple[int, ...], np.dtype[np.float32]]) -> int:

@@ -71,6 +71,16 @@ def undistorted_camera(camera: Camera, pose: int | None, taken: Resampling) -> C
     )  # fmt: skip
 
 
+def restoring(camera: Camera, pose: int | None, taken: Resampling) -> Resampling:
+    """How the stored picture of a frame is read from its undistorted one, whose border is repeated around it."""
+    lens = camera.lens(pose)
+    u, v = ((np.arange(side) + 0.5 - c) / f for side, c, f in
+            ((camera.width, lens.cx, lens.fx), (camera.height, lens.cy, lens.fy)))  # fmt: skip
+    x, y = lens.distortion.undistort(*np.meshgrid(u, v))
+    maps = (lens.fx * x + lens.cx - taken.left - 0.5, lens.fy * y + lens.cy - taken.top - 0.5)
+    return Resampling(-taken.left, -taken.top, *(np.ascontiguousarray(part, np.float32) for part in maps))
+
+
 @lru_cache(maxsize=32)
 def _resampling(lens: Lens, size: tuple[int, int], where: str) -> Resampling:
     left, top, right, bottom = _window(lens, size, where)

@@ -19,9 +19,12 @@ def capture(
 ) -> int:
     """Check a capture: units, overlap, order, mirrored cameras, mattes, time, gains."""
     from yesnt.capture.report import report_capture
-    from yesnt.runtime.checks.preflight import resolve
+    from yesnt.runtime.awaited import refuse_without_mattes
+    from yesnt.runtime.session import Session
 
-    job = resolve(shot).job
+    session = Session(shot)
+    refuse_without_mattes(session.resolved.awaiting, session.output.root)
+    job = session.job
     found = report_capture(job, job.frames[0] if frame is None else frame, sync)
     if json:
         text.print_json(asdict(found))

@@ -8,6 +8,7 @@ from pydantic import AfterValidator, Field
 
 from yesnt.core.color_spaces import LIN_REC709
 from yesnt.core.job_part import Colorspace, Knob, Part
+from yesnt.core.matting_input import Matting
 
 CAMERA = "{camera}"
 """What stands for the name of a camera in a pattern."""
@@ -32,6 +33,7 @@ class CaptureCameras(Part):
     the calibration's lengths, or its metres; absent: as the file or its format says. `up` is the axis of its world that
     points up. `first` is the frame number of a video's first picture; `offsets` says by how many frames a camera's
     files are late. `resize: fit` says that pictures of another size than their camera's were scaled into it as a whole.
+    With `matting` the run makes the mattes from the pictures; `mattes` then is their pattern in the output folder.
     """
 
     cameras: str
@@ -43,6 +45,7 @@ class CaptureCameras(Part):
     first: int = 1
     offsets: dict[str, int] = Field(default_factory=dict)
     resize: Literal["none", "fit"] = "none"
+    matting: Matting | None = None
 
     @property
     def path(self) -> str:

@@ -14,6 +14,7 @@ from yesnt.core.gaussian_input import GaussianInput, fill_from_field, is_made
 from yesnt.core.job_part import FIXED, Colorspace, Knob, Part
 from yesnt.core.keyframes import Numbers, number_at, numbers_at
 from yesnt.core.material_input import DecomposeInput, MaterialInput
+from yesnt.core.matting_input import fill_mattes
 from yesnt.core.scene_input import SceneFacts
 from yesnt.core.set_input import SetInput, refuse_unusable_set
 from yesnt.core.windows import Raster, Window
@@ -279,6 +280,13 @@ class Shot(Part):
         return None if self.evidence.use is False else self.capture
 
     @property
+    def matted(self) -> CaptureCameras | None:
+        """The capture's cameras, if the run makes their mattes and something reads them."""
+        fitted = self.gaussians is not None and self.gaussians.path is None
+        capture = self.capture if fitted else self.captured
+        return None if capture is None or capture.matting is None else capture
+
+    @property
     def built_in_set(self) -> SetInput | None:
         """The set, if it is a ground or a mesh."""
         return None if self.set is None or self.set.blend is not None else self.set
@@ -303,7 +311,7 @@ class Shot(Part):
     @model_validator(mode="before")
     @classmethod
     def _filled(cls, data: Any) -> Any:
-        return fill_from_field(data)
+        return fill_mattes(fill_from_field(data))
 
     @model_validator(mode="after")
     def _set_whole(self) -> Self:

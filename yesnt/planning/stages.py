@@ -78,6 +78,16 @@ class Stage:
 
 _ROWS = (
     Stage(
+        "matte", 1, "frame; a camera's background", "pictures of the capture's cameras and their clean plates (only "
+        "jobs with `capture.matting`)",
+        Cost(10.0, 0.0, 900, 0, 2), "#3f6f6a",
+        {
+            records.BackgroundTask: "yesnt.tasks.matte:find_background",
+            records.MatteTask: "yesnt.tasks.matte:make_mattes",
+        },
+        files=("mattes (PNG)", "backgrounds (EXR)"), optional=True,
+    ),
+    Stage(
         "fit", 2, "frame", "pictures of the capture's cameras; between keyframes also a keyframe's field (only jobs "
         "that fit Gaussians)",
         Cost(200.0, 0.0, 900, 0, 0), "#5b4a2f",
@@ -206,9 +216,8 @@ FORMER_ARRAYS = ("evaluations",)
 """Arrays of the store in outputs of older versions; a run removes them."""
 
 (
-    FIT,
-    MESH, VIEW, WINDOW, DECOMPOSE, FLOW, EVIDENCE, CORRECT, CONFIDENCE, SOLVE, GROUND, BAKE, RELIGHT, SET, COMPOSITE,
-    PREVIEW,
+    MATTE, FIT, MESH, VIEW, WINDOW, DECOMPOSE, FLOW, EVIDENCE, CORRECT, CONFIDENCE, SOLVE, GROUND, BAKE, RELIGHT, SET,
+    COMPOSITE, PREVIEW,
 ) = map(StageId, STAGES)  # fmt: skip
 
 COMPOSITING = StageId("composite", part="scripts")
@@ -216,6 +225,11 @@ COMPOSITING = StageId("composite", part="scripts")
 
 SEGMENT = StageId("preview", part="segment")
 """Segments of the preview video."""
+
+
+def background_stage(number: int) -> StageId:
+    """The background of a camera, by its number among those of the capture."""
+    return StageId("matte", part=f"background{number}")
 
 
 def stage_of(stage: StageId) -> Stage:

@@ -43,6 +43,28 @@ class Gaps:
 
 
 @dataclass(frozen=True)
+class BackgroundTask(TaskRecord):
+    """Finds what one camera of the capture shows without the subject.
+
+    Attributes:
+        camera: its name.
+    """
+
+    camera: str
+
+
+@dataclass(frozen=True)
+class MatteTask(TaskRecord):
+    """Makes the mattes of all cameras of the capture in one frame.
+
+    Attributes:
+        cameras: their names.
+    """
+
+    cameras: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class FitTask(TaskRecord):
     """Fits the Gaussian field of one frame to the pictures of the capture.
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import Any
 
-from yesnt.core.errors import JobError
 from yesnt.core.job_progress import Progress, no_progress
 from yesnt.core.stage_id import StageId
 from yesnt.io.color_config import convert
@@ -24,12 +23,14 @@ from yesnt.io.records import RecordBook
 from yesnt.io.store import FrameStore
 from yesnt.planning import settings as of
 from yesnt.planning.builders.gaussians import gaussian_nodes
+from yesnt.planning.builders.matte import matte_nodes
 from yesnt.planning.chunks import ChunkPlan, Extent, fits_whole, matte_extent, plan_chunks
 from yesnt.planning.frame_grid import DEAD, FrameGrid
-from yesnt.planning.graph import Graph, NodeId, stage_counts
+from yesnt.planning.graph import Graph, Node, NodeId, stage_counts
 from yesnt.planning.resources import needs_gpu, runs_on_gpu
-from yesnt.planning.shot_plan import ShotPlan
+from yesnt.planning.shot_plan import MATTES, VIEWS, ShotPlan
 from yesnt.planning.stages import COMPOSITING, STAGES
+from yesnt.runtime.awaited import ends_with, refuse_awaiting, refuse_unchanged
 from yesnt.runtime.checks.inputs import InputChecks
 from yesnt.runtime.checks.preflight import Resolved, resolve
 from yesnt.runtime.clamps import clamp_lines
@@ -56,9 +57,6 @@ from yesnt.tasks.run import run_node, worker_modules
 from yesnt.workflows.shot import shot_graph
 
 Listener = Callable[[Mapping[str, Any]], None]
-
-MAKERS = ("fit", "mesh", "view")
-"""Stages that make what other stages read as input files."""
 
 
 @dataclass(frozen=True)
@@ -87,8 +85,14 @@ class Session:
         self._resolve = partial(resolve, path, accept_license, progress)
         self.progress = progress
         self._take(self._resolve())
-        if self.job.shot.made and not self.resolved.awaiting and not self._views_are_made():
-            self._take(self._resolve(awaiting=True))
+        self._look_for_stale()
+
+    def _look_for_stale(self) -> None:
+        """Finds out whether what the run makes for itself is there but out of date."""
+        if self.job.shot.matted is not None and self.resolved.awaiting != MATTES and not self._made(matte_nodes):
+            self._take(self._resolve(awaiting=MATTES))
+        elif self.job.shot.made and not self.resolved.awaiting and not self._made(gaussian_nodes):
+            self._take(self._resolve(awaiting=VIEWS))
 
     def _take(self, resolved: Resolved) -> None:
         """Takes a job as it is resolved now, and forgets what was derived from it as it was before."""
@@ -101,14 +105,17 @@ class Session:
         self._plan_without = lru_cache(maxsize=1)(self._make_plan)
         self._graph_without = lru_cache(maxsize=1)(lambda *lost: shot_graph(self._plan_without(*lost)))
 
-    def _views_are_made(self) -> bool:
-        """Whether all that the run makes from Gaussian fields is there and up to date."""
+    def _made(self, nodes: Callable[[ShotPlan], Iterable[Node]]) -> bool:
+        """Whether all that the run makes by these nodes for itself is there and up to date."""
         index = self.open_index()
-        return all(is_done(index, node) for node in gaussian_nodes(self.plan()))
+        return all(is_done(index, node) for node in nodes(self.plan()))
 
     def look_again(self) -> None:
         """Resolves the job once more, after pictures that it reads were made."""
+        before = self.resolved.awaiting
         self._take(self._resolve())
+        self._look_for_stale()
+        refuse_unchanged(before, self.resolved.awaiting, self.job.root)
 
     def refuse_awaiting(self) -> None:
         """Refuses a job whose plates are still to be made from Gaussian fields, for verbs that read plates.
@@ -116,12 +123,7 @@ class Session:
         Raises:
             JobError: as said.
         """
-        if self.resolved.awaiting:
-            raise JobError(
-                "The plates of this job are rendered from Gaussian fields, and that is not done yet",
-                f"{self.output.root}: {', '.join(self.job.shot.made)}", "pictures that are made and up to date",
-                "`yesnt gof render SHOT`, or `yesnt run SHOT`, makes them",
-            )  # fmt: skip
+        refuse_awaiting(self.resolved.awaiting, self.output.root, self.job.shot.made)
 
     @cached_property
     def checks(self) -> InputChecks:
@@ -142,11 +144,14 @@ class Session:
 
     @cached_property
     def chunks(self) -> ChunkPlan:
-        """How the temporal solve is cut; the mattes are looked at only if a full frame would not fit into memory."""
+        """How the temporal solve is cut; the mattes are looked at only if a full frame would not fit into memory.
+
+        Plates that are still to be made cannot be looked at; what they are made from does not depend on the cut.
+        """
         job, params = self.job, of.energy_params(self.job.shot)
         temporal, length = job.shot.temporal, len(job.frames)
         extent = Extent(job.height, job.width)
-        if not fits_whole(temporal, length, extent):
+        if not self.resolved.awaiting and not fits_whole(temporal, length, extent):
             extent = matte_extent(job)
         return plan_chunks(params, temporal, temporal.tolerance, length, extent)
 
@@ -180,7 +185,7 @@ class Session:
         """
         check_stage(options.until, "--until")
         wanted = set(wanted_frames(self.job, options.frames))
-        if self.resolved.awaiting and options.until not in MAKERS:
+        if self.resolved.awaiting and not ends_with(self.resolved.awaiting, options.until):
             return [n.id for n in graph]  # what follows needs all frames
         last = options.until or ("preview" if options.frames is None else "composite")
         if last in ("preview", "composite") and not wanted.isdisjoint(self.job.frames):
@@ -253,14 +258,15 @@ class Session:
 
     def _drive(self, run: _Run) -> None:
         """All passes; what is made from Gaussian fields comes first, since nothing is known of it before."""
-        if self.resolved.awaiting:
+        while self.resolved.awaiting:
             while self._pass(run):
                 pass
-            if run.result.missing or run.options.until in MAKERS:
+            if run.result.missing or ends_with(self.resolved.awaiting, run.options.until):
                 return
             self.look_again()
             run.result.notes = self.checks.notes
-            run.result.warnings = self.checks.form(beside_others=True) + self.checks.content()
+            found = self.checks.form(beside_others=True) + self.checks.content()
+            run.result.warnings = list(dict.fromkeys([*run.result.warnings, *found]))
             self.remember()
         while self._pass(run):
             pass

@@ -13,7 +13,7 @@ from yesnt.planning import settings as of
 from yesnt.planning.builders.assemble import frame_node, node_fields, node_keys
 from yesnt.planning.builders.relight import probe_inputs, probe_settings
 from yesnt.planning.graph import Graph, Node
-from yesnt.planning.keyed_settings import changed_fields, changed_keys, shared
+from yesnt.planning.keyed_settings import changed_fields, changed_keys, picture_keys, shared
 from yesnt.planning.shot_plan import ShotPlan
 from yesnt.planning.stages import DECOMPOSE, EVIDENCE, FLOW
 from yesnt.planning.task_records import CarryEvidenceTask, MeasureTask, TrackTask
@@ -84,7 +84,7 @@ def _settings(plan: ShotPlan, frame: int) -> SharedSettings:
         evidence=changed_fields(of.evidence_settings(shot)),
         relight=relight_read(shot),
         capture=changed_keys(capture, {"path"}) if capture else None,
-        pictures=changed_keys(shot.captured, {"cameras", "images", "mattes"}) if shot.captured else None,
+        pictures=picture_keys(shot.captured) if shot.captured else None,
         gbuffer=changed_keys(shot.gbuffer, {"path"}),
         proxy=changed_keys(shot.proxy, {"path"}) if shot.proxy else None,
         **plan.plate_settings | {"color": colors.digests("plate_working", "capture_light", "capture")},

@@ -14,7 +14,7 @@ from yesnt.io.cameras import calibration_roles, cameras_of
 from yesnt.planning import settings as of
 from yesnt.planning.builders.assemble import frame_keys, frame_node, node_fields, node_keys
 from yesnt.planning.graph import Graph, Node
-from yesnt.planning.keyed_settings import changed_fields, changed_keys, shared
+from yesnt.planning.keyed_settings import changed_fields, changed_keys, picture_keys, shared
 from yesnt.planning.shot_plan import ShotPlan
 from yesnt.planning.stages import FIT, MESH, VIEW
 from yesnt.planning.task_records import FitTask, MeshTask, ViewTask
@@ -80,7 +80,7 @@ def _fit_settings(plan: ShotPlan) -> Any:
     assert shot.capture is not None
     return shared(
         fit=changed_fields(of.fit_settings(shot)),
-        pictures=changed_keys(shot.capture, {"cameras", "images", "mattes"}),
+        pictures=picture_keys(shot.capture),
         color=plan.job.colors.digests("capture"),
         working=changed_keys(shot.color, {"config", "output", "view"}),
     )

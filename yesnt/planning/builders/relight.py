@@ -13,7 +13,7 @@ from yesnt.io.records import SharedSettings
 from yesnt.planning import settings as of
 from yesnt.planning.builders.assemble import frame_keys, frame_node, node_fields, node_keys
 from yesnt.planning.graph import Graph, Node
-from yesnt.planning.keyed_settings import changed_fields, changed_keys, shared
+from yesnt.planning.keyed_settings import changed_fields, changed_keys, picture_keys, shared
 from yesnt.planning.shot_plan import ShotPlan
 from yesnt.planning.stages import BAKE, GROUND, RELIGHT, SOLVE
 from yesnt.planning.task_records import RelightTask
@@ -109,5 +109,5 @@ def probe_settings(plan: ShotPlan) -> dict[str, Any]:
     shot = plan.job.shot
     if not plan.views or shot.captured is None or shot.capture_light is None or not shot.capture_light.estimate:
         return {}
-    pictures = changed_keys(shot.captured, {"cameras", "images", "mattes"})
+    pictures = picture_keys(shot.captured)
     return {"light_from": {"version": 1, "pictures": pictures, "color": plan.job.colors.digests("capture")}}

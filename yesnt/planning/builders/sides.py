@@ -9,7 +9,7 @@ from yesnt.io.cameras import calibration_roles
 from yesnt.planning import settings as of
 from yesnt.planning.builders.evidence import relight_read
 from yesnt.planning.builders.relight import probe_inputs
-from yesnt.planning.keyed_settings import changed_fields, changed_keys
+from yesnt.planning.keyed_settings import changed_fields, changed_keys, picture_keys
 from yesnt.planning.shot_plan import ShotPlan
 
 
@@ -45,7 +45,7 @@ def sides_of(plan: ShotPlan, frame: int) -> Sides:
         "evidence": changed_fields(of.evidence_settings(shot)),
         "relight": relight_read(shot),
         "capture": changed_keys(light.at(frame), {"path"}) if light else {},
-        "pictures": changed_keys(shot.captured, {"cameras", "images", "mattes"}),
+        "pictures": picture_keys(shot.captured),
         "color": plan.job.colors.digests("plate_working", "capture_light", "capture"),
     }
     return Sides(names, inputs, {"sides": fields})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -21,6 +21,10 @@ from yesnt.io.video import is_video, video_index
 
 SAME_RATE = 5e-4
 """Share by which frame rates of videos may differ: 30 and 29.97 frames a second drift apart, rounded stamps do not."""
+
+
+REACH = 1
+"""Largest offset of a camera in time that is looked for before a fit, frames; `yesnt capture --sync` looks farther."""
 
 
 class FittedChecks:
@@ -62,6 +66,8 @@ class FittedChecks:
     def agreement(self) -> Iterator[str]:
         """What is wrong with the capture in a few frames, each fault once; `report_capture` says what is looked at.
 
+        Time is looked at in the middle frame, if the shot holds the frames around it.
+
         Raises:
             JobError: the mattes agree nowhere, so that there is nothing to fit.
         """
@@ -84,9 +90,16 @@ class FittedChecks:
             files = camera_files(self._job.root, self._capture, name, frame)
             roles |= {f"{role} {name}": digest for role, digest in self._known(files).items()}
         roles |= self._known(calibration_roles(self._job.root, self._capture))
+        frames = self._job.frames
+        around = frames_around(frames, frame) if frame == frames[(len(frames) - 1) // 2] else ()
+        for other in around:
+            for name in self._cameras:
+                files = camera_files(self._job.root, self._capture, name, other)
+                roles |= {f"{role} {name} {other}": digest for role, digest in self._known(files).items()}
         about = {"check": "agreement", "frame": frame, "files": roles, "colors": asdict(self._job.colors.capture)}
         fact: dict[str, Any] = self._facts.fetch(
-            digest_of({**self._depends, **about}), partial(_examine, self._job, self._cameras, frame)
+            digest_of({**self._depends, **about}),
+            partial(_examine, self._job, self._cameras, frame, REACH if around else 0),
         )
         return fact
 
@@ -99,10 +112,16 @@ def _check_header(job: Job, name: str, camera: CalibratedCamera, frame: int, fir
     return []
 
 
-def _examine(job: Job, cameras: Mapping[str, CalibratedCamera], frame: int) -> dict[str, Any]:
+def frames_around(frames: Sequence[int], frame: int) -> tuple[int, ...]:
+    """The frames that show whether cameras are in time in one of a shot's frames; none if the shot lacks one."""
+    around = tuple(range(frame - 2 * REACH, frame + 2 * REACH + 1))
+    return around if set(around) <= set(frames) else ()
+
+
+def _examine(job: Job, cameras: Mapping[str, CalibratedCamera], frame: int, reach: int) -> dict[str, Any]:
     from yesnt.capture.report import pose_problems, report_capture  # imports Numba's kernels
 
-    found = report_capture(job, frame)
+    found = report_capture(job, frame, reach)
     if found.subject is None and not list(pose_problems(cameras, frame)):
         raise _nothing_to_fit(job.shot.capture, frame, found.problems)
     return {"problems": list(found.problems), "sizes": {name: list(size) for name, size in found.sizes.items()}}

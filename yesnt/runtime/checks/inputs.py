@@ -38,6 +38,7 @@ from yesnt.io.pictures.placed import check_fits
 from yesnt.io.pictures.shot_raster import shot_camera
 from yesnt.io.preview import has_video
 from yesnt.io.records import digest_of
+from yesnt.planning.shot_plan import MATTES
 from yesnt.runtime.checks.capture import CaptureChecks
 from yesnt.runtime.checks.consistency.coded import refuse_coded_alpha
 from yesnt.runtime.checks.consistency.contradictions import contradictions
@@ -45,6 +46,7 @@ from yesnt.runtime.checks.corrections import CorrectionChecks, correction_facts,
 from yesnt.runtime.checks.fields import check_field, check_views
 from yesnt.runtime.checks.fitted import FittedChecks
 from yesnt.runtime.checks.light import light_warnings, sun_facts, sun_warnings
+from yesnt.runtime.checks.matting import MattingChecks
 from yesnt.runtime.checks.preflight import READERS, Resolved
 
 STORE_BYTES_PER_PIXEL = 80
@@ -142,15 +144,26 @@ class InputChecks:
                 file = frame_path(job.root, job.shot.background.path, frame)
                 check_statement(file, job.shot, "background", self._statements["background"])
                 shot_inputs.read_background(job, frame)
-            if self._fitted is not None:
+            if self._matting is not None:
+                self._matting.headers(frame)
+            elif self._fitted is not None:
                 self._fitted.headers(frame)
             if gaussians is not None and gaussians.path is not None:
                 digest = self._digests[str(frame_path(job.root, gaussians.path, frame))]
                 key = digest_of({"check": "field", "code": code_digest(), "file": digest})
                 self.facts.fetch(key, partial(check_field, job, frame))
             self._progress("Checking frames", done, len(job.frames))
-        if self._fitted is not None:
+        if self._matting is not None:
+            yield from self._matting.poses()
+        elif self._fitted is not None:
             yield from self._fitted.agreement()
+
+    @cached_property
+    def _matting(self) -> MattingChecks | None:
+        """Checks of the pictures that mattes are still to be made from; None where they are there or given."""
+        if self._awaiting != MATTES:
+            return None
+        return MattingChecks(self._job, self.facts, self._digests, self._statements["capture"], code_digest())
 
     @cached_property
     def _fitted(self) -> FittedChecks | None:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from yesnt.capture.files import camera_files
+from yesnt.capture.files import MATTE, camera_files
+from yesnt.capture.person import model_files
 from yesnt.capture.plan import CapturePlan, plan_capture
+from yesnt.capture.samples import background_files
 from yesnt.core.camera import Camera
 from yesnt.core.errors import JobError
 from yesnt.core.job_progress import Progress, no_progress
@@ -27,6 +29,7 @@ from yesnt.io.pictures.shot_raster import for_raster, shot_raster
 from yesnt.io.records import digest_of
 from yesnt.planning import settings as of
 from yesnt.planning.keyed_settings import changed_keys
+from yesnt.planning.shot_plan import MATTES, VIEWS, Awaiting
 from yesnt.runtime.checks.scene import resolve_scene
 from yesnt.temporal.flow import LEARNED
 
@@ -46,8 +49,8 @@ class Resolved:
         capture: cameras that measure the materials.
         memory: of the files' digests, to be saved once the output folder may be written to.
         plate_headers: memory of the plates' headers, to be saved with it.
-        awaiting: whether pictures that the run makes from Gaussian fields are still missing or out of date, so that
-            nothing is known of the stages that read them.
+        awaiting: what the run makes first since it is missing or out of date: mattes of the capture, or pictures from
+            Gaussian fields. Nothing is known of the stages that read it.
     """
 
     job: Job
@@ -57,7 +60,7 @@ class Resolved:
     capture: CapturePlan
     memory: FileDigests = field(compare=False, repr=False)
     plate_headers: FactCache = field(compare=False, repr=False)
-    awaiting: bool = False
+    awaiting: Awaiting = ""
 
     @property
     def files(self) -> list[str]:
@@ -74,7 +77,7 @@ def resolve(
     path: str | Path,
     accept_license: tuple[str, ...] = (),
     progress: Progress = no_progress,
-    awaiting: bool = False,
+    awaiting: Awaiting = "",
 ) -> Resolved:
     """Reads the job file and hashes every input that has changed since it was hashed last.
 
@@ -82,7 +85,7 @@ def resolve(
         path: the job file or its folder.
         accept_license: licences that the user accepts beside those that the job names.
         progress: called while files are hashed.
-        awaiting: what the run makes from Gaussian fields is out of date and is not read.
+        awaiting: what the run makes is out of date and is not read.
 
     Raises:
         JobError: the job file is wrong, or a file is missing.
@@ -103,9 +106,9 @@ def resolve(
         weights = of.weights_path(root, shot)
         backend = identify_backend(chosen.backend, weights, chosen.accept_license, of.backend_knobs(shot))
     memory = FileDigests(OutputFolder.of(job).run / "file_digests.json")
-    awaiting = awaiting or any(not frame_path(root, made, f).is_file() for made in shot.made for f in frames)
+    awaiting = awaiting or _missing(job)
     capture = CapturePlan() if awaiting else plan_capture(job, camera)
-    paths = dict.fromkeys((*_input_files(job, shot.made if awaiting else ()), *capture.files(job)))
+    paths = dict.fromkeys((*_input_files(job, awaiting), *capture.files(job)))
     digests = memory.of(paths, lambda done, total: progress("Hashing files", done, total))
     memory.save()
     shot, colors, notes = resolve_colors(shot, root, frames)
@@ -122,6 +125,18 @@ def resolve(
         digests |= memory.of(paths, lambda done, total: progress("Hashing files", done, total))
         job = job.model_copy(update={"scene": scene})
     return Resolved(job, digests, backend, notes, capture, memory, headers, awaiting)
+
+
+def _missing(job: Job) -> Awaiting:
+    """What the run makes first, as far as files of it are missing."""
+    shot = job.shot
+    if (capture := shot.matted) is not None:
+        names = cameras_of(job.root, capture)
+        files = (camera_files(job.root, capture, name, frame)[MATTE] for name in names for frame in job.frames)
+        if not all(path.is_file() for path in files):
+            return MATTES
+    made = (frame_path(job.root, pattern, frame) for pattern in shot.made for frame in job.frames)
+    return "" if all(path.is_file() for path in made) else VIEWS
 
 
 def _with_raster(job: Job, digests: Mapping[str, str], camera: Camera, headers: FactCache) -> Job:
@@ -182,22 +197,36 @@ def _sequences(shot: Shot) -> Iterable[str]:
         yield shot.background.path
 
 
-def _fitted_pictures(job: Job) -> Iterable[Path]:
-    """Pictures that the run itself fits Gaussian fields to."""
+def _fitted_pictures(job: Job, mattes: bool) -> Iterable[Path]:
+    """Pictures that the run itself fits Gaussian fields to, or makes mattes from; with mattes or without."""
     gaussians, capture = job.shot.gaussians, job.shot.capture
-    if gaussians is not None and gaussians.path is None and capture is not None:
+    fits = gaussians is not None and gaussians.path is None
+    if capture is not None and (fits or job.shot.matted is not None):
         for name in cameras_of(job.root, capture):
             for frame in job.frames:
-                yield from camera_files(job.root, capture, name, frame).values()
+                files = camera_files(job.root, capture, name, frame)
+                yield from (path for role, path in files.items() if mattes or role != MATTE)
 
 
-def _input_files(job: Job, without: Collection[str] = ()) -> Iterable[Path]:
+def _matting_files(job: Job) -> Iterable[Path]:
+    """What mattes are made from beside the pictures: clean plates, models that find persons."""
+    capture = job.shot.matted
+    if capture is not None:
+        yield from calibration_roles(job.root, capture).values()
+        yield from model_files(job).values()
+        for name in cameras_of(job.root, capture):
+            yield from background_files(job, name).values()
+
+
+def _input_files(job: Job, awaiting: Awaiting) -> Iterable[Path]:
     shot = job.shot
+    without = shot.made if awaiting else ()
     for pattern in (pattern for pattern in _sequences(shot) if pattern not in without):
         yield from (frame_path(job.root, pattern, frame) for frame in job.frames)
     if shot.gaussians and shot.capture:
         yield from calibration_roles(job.root, shot.capture).values()
-        yield from _fitted_pictures(job)
+    yield from _fitted_pictures(job, mattes=awaiting != MATTES or shot.matted is None)
+    yield from _matting_files(job)
     if shot.flow.path:  # the last frame's flow leads out of the shot
         yield from (frame_path(job.root, shot.flow.path, frame) for frame in job.frames[:-1])
     if shot.flow.weights:

@@ -13,9 +13,10 @@ from yesnt.core.errors import YesntError
 from yesnt.io.lease import Observer, take_lease
 from yesnt.io.store import FrameStore
 from yesnt.planning.graph import Graph, Node, NodeId, stage_counts
+from yesnt.runtime.awaited import ends_with
 from yesnt.runtime.driver.driver import is_done
 from yesnt.runtime.run_options import RunOptions, RunResult
-from yesnt.runtime.session import MAKERS, Missing, Session
+from yesnt.runtime.session import Missing, Session
 from yesnt.tasks.run import run_node
 
 Listener = Callable[[Mapping[str, Any]], None]
@@ -36,9 +37,9 @@ def run_shared(session: Session, options: RunOptions, listen: Listener = lambda 
         YesntError: bad input, wrong options.
     """
     result = RunResult(output=session.output.root)
-    if session.resolved.awaiting:
+    while session.resolved.awaiting:
         _share_graph(session, options, result, listen)
-        if result.missing or options.until in MAKERS:
+        if result.missing or ends_with(session.resolved.awaiting, options.until):
             return result
         session.look_again()
     _share_graph(session, options, result, listen)
@@ -48,7 +49,8 @@ def run_shared(session: Session, options: RunOptions, listen: Listener = lambda 
 def _share_graph(session: Session, options: RunOptions, result: RunResult, listen: Listener) -> None:
     """Runs all nodes that are known of now."""
     result.notes = session.checks.notes
-    result.warnings = session.checks.form(beside_others=True) + session.checks.content()
+    found = session.checks.form(beside_others=True) + session.checks.content()
+    result.warnings = list(dict.fromkeys([*result.warnings, *found]))
     result.missing = dict(session.marked_dead())
     plan, graph = session.plan(Missing(result.missing)), session.graph(Missing(result.missing))
     graph = graph.closure(session.targets(graph, options))

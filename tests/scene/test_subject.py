@@ -11,14 +11,16 @@ from scipy.ndimage import binary_erosion
 
 from tests.relight.scenes import sky
 from tests.scene import ball
-from tests.scene.set_scenes import GROUND, box, material
+from tests.scene.set_scenes import GROUND, box, material, view
 from yesnt.relight.envmap import EnvMap
 from yesnt.relight.frame import FrameInputs, relight_frame
 from yesnt.relight.indirect import PixelRays
 from yesnt.relight.lights import PreparedLight, prepare_light
+from yesnt.relight.occlusion import lifted
 from yesnt.relight.proxy import ProxyScene
 from yesnt.relight.settings import Brdf, RelightSettings
 from yesnt.relight.surroundings import Surroundings
+from yesnt.scene.contact import subject_edge
 from yesnt.scene.delivered_picture import DeliveredPicture, hits_of
 from yesnt.scene.pixel_parts import RayGrid
 from yesnt.scene.set_frame import inner_pixels
@@ -115,3 +117,36 @@ def test_a_mirror_floor_sends_up_the_light_that_falls_on_it(clusters: int) -> No
     cosine = np.maximum(-lit.direction[2], 0) * lit.solid_angle * (hits[0] >= len(relit.mesh.faces))
     whole = np.maximum(lit.direction[2], 0) @ lit.energy.T
     assert (sent @ cosine)[0] == pytest.approx(0.9 * whole[0], rel=0.06)
+
+
+def test_at_the_foot_a_divided_pixel_shows_the_ground_beside_it() -> None:
+    """Its own middle may lie under the foot; far from the foot, and where nothing is free, pixels keep their own."""
+    seen, shape = view(), (24, 32)
+    pixels = seen.pixels
+    foot = box((-0.2, -0.2, 0.0), (0.2, 0.2, 0.05))
+    place = pixels.position
+    under = (np.abs(place[:, :2]) < 0.25).all(axis=1)
+    opacity = np.zeros(shape, np.float32)
+    opacity.reshape(-1)[pixels.index[under | (place[:, 1] > 3)]] = 0.5
+    mix = subject_edge(seen, opacity, foot)
+    dark = np.where(under, 0, 1).astype(np.float32)[:, None]
+    found = mix.of(dark)
+    assert set(mix.pixel) <= set(np.flatnonzero(under))
+    assert len(mix.pixel) > 3
+    np.testing.assert_allclose(found[mix.pixel], 1, atol=1e-6)
+    np.testing.assert_array_equal(found[~under], 1)
+    assert not len(subject_edge(seen, np.ones(shape, np.float32), foot).pixel)
+
+
+def test_a_lifted_origin_stays_outside_a_foot_that_widens_upwards() -> None:
+    """Points at the foot of a cone that stands on its tip: straight up, their origins would lie inside it."""
+    angle = np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    around = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    points = np.concatenate([0.1 * around, np.full((12, 1), -0.004)], axis=1).astype(np.float32)
+    normal = np.concatenate([around, np.full((12, 1), -0.5)], axis=1) / np.sqrt(1.25)
+    found = lifted(points, normal.astype(np.float32), np.float32(0.002))
+    np.testing.assert_allclose(found[:, 2], 0.002, atol=1e-7)
+    assert (((found - points) * normal).sum(axis=1) > -1e-6).all(), "on the outer side of the surface"
+    np.testing.assert_array_equal(lifted(points, normal.astype(np.float32), np.float32(-1)), points)
+    flat = np.broadcast_to(np.float32([0, 0, -1]), points.shape)
+    np.testing.assert_allclose(lifted(points, flat, np.float32(0.002))[:, :2], points[:, :2], atol=1e-6)

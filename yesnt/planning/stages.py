@@ -180,7 +180,7 @@ _ROWS = (
         channels=("base_color", "diffuse", "specular", "shadow", "sun_diffuse", "sun_specular"),
     ),
     Stage(
-        "set", 4, "frame", "base_color, diffuse, material, matte, G-buffer, proxy, light, ground or scene "
+        "set", 5, "frame", "base_color, diffuse, material, matte, G-buffer, proxy, light, ground or scene "
         "(only jobs with a set)",
         Cost(0.2, 12.0, 500, 600, 8), "#c58b5b",
         {

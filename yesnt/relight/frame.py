@@ -129,7 +129,7 @@ def relight_frame(
         captured = None if lit is None else _captured(lit, plate, pixels, inputs.surface, settings)
     else:
         raise ValueError("relight_frame needs the capture light or the base colour")
-    occluders = occluders.within(surroundings, settings.offset)
+    occluders = occluders.within(surroundings, pixels.normal, settings.offset)
     relit = replace(shade_pixels(base, pixels, occluders, light, settings), clamped=clamped, captured=captured)
     relit = finish(relit, pixels.image(plate), inputs.surface, settings)
     return finish_silhouette(relit, inputs.surface) if settings.extend else relit

@@ -27,6 +27,8 @@ SHARP = 0.3
 """Roughness r below which a specular lobe, 2 r^2 rad wide, is narrower than a light cluster: such a pixel traces a ray
 of its own along the mirrored view."""
 
+_MOST_LEAN = 4.0  # metres outwards for each metre up: a surface that leans more lies on the ground
+
 _MAIN = 8  # brightest clusters, which the single factor is averaged over
 
 
@@ -50,20 +52,33 @@ class Occluders:
     footprint: F32
     surroundings: Surroundings | None = None
 
-    def within(self, surroundings: Surroundings | None, offset: float) -> Occluders:
+    def within(self, surroundings: Surroundings | None, normal: F32, offset: float) -> Occluders:
         """The same with a set around the subject; without a proxy there is none.
 
         Args:
             surroundings: the set, or None.
+            normal: [P, 3] unit, world, of the pixels.
             offset: distance of the rays' origins from a ground plane, metres, at least.
         """
         if surroundings is None or self.proxy is None:
             return self
         origins = self.origins
         if surroundings.floor is not None:
-            lifted = np.maximum(origins[:, 2], np.float32(surroundings.floor + offset))
-            origins = np.concatenate([origins[:, :2], lifted[:, None]], axis=1)
+            origins = lifted(origins, normal, np.float32(surroundings.floor + offset))
         return replace(self, origins=origins, proxy=surroundings.around(self.proxy), surroundings=surroundings)
+
+
+def lifted(origins: F32, normal: F32, least: np.float32) -> F32:
+    """Origins [P, 3] at a height of at least `least`, which stay on their side of a surface that leans over them.
+
+    Straight up, the origin of a point at the foot of an overhang would enter the subject, and all would be dark there.
+    It is moved outwards by as much as the surface leans, at most by four times its lift.
+    """
+    lift = np.maximum(least - origins[:, 2], 0)
+    level = np.maximum(np.hypot(normal[:, 0], normal[:, 1]), np.float32(1e-6))
+    lean = np.clip(-normal[:, 2] / level, 0, _MOST_LEAN)
+    out = origins + normal * np.array([1, 1, 0], np.float32) * (lift * lean / level)[:, None]
+    return np.concatenate([out[:, :2], (origins[:, 2] + lift)[:, None]], axis=1).astype(np.float32)
 
 
 def find_occluders(surface: Surface, pixels: Pixels, proxy: ProxyScene | None, settings: RelightSettings) -> Occluders:

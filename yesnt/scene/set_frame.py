@@ -18,7 +18,9 @@ from yesnt.relight.points import Surface, gather_pixels
 from yesnt.relight.proxy import ProxyScene
 from yesnt.relight.settings import RelightSettings
 from yesnt.relight.surroundings import Surroundings
+from yesnt.scene.contact import subject_edge
 from yesnt.scene.delivered_picture import DeliveredPicture
+from yesnt.scene.mesh_edges import EdgeMix
 from yesnt.scene.set_light import SetLight, light_set
 from yesnt.scene.set_scene import SetScene
 from yesnt.scene.set_view import SetImage
@@ -115,6 +117,8 @@ def lit_set(
     own = surroundings if surroundings.floor is None else None
     scene = SetScene(subject.around(light, surroundings, settings), own, settings.offset)
     lit = light_set(image.view, light, scene, settings)
+    opacity = np.nan_to_num(np.asarray(subject.surface.opacity, np.float32))
+    lit = _at_edge(lit, subject_edge(image.view, opacity, subject.proxy))
     if image.edges is not None:
         lit = SetLight(*map(image.edges.of, lit))
     pixels, cover = image.view.pixels, image.cover[:, None]
@@ -129,6 +133,11 @@ def lit_set(
     left = np.ones((*image.holdout.shape, 3), np.float32)
     left.reshape(-1, 3)[pixels.index] = ratio
     return SetLayers(left, pixels.image(cover * lit.added), image.holdout, behind)
+
+
+def _at_edge(lit: SetLight, edge: EdgeMix) -> SetLight:
+    """The light of the set; at the subject's edge, with what the subject does to the pixels beside it."""
+    return SetLight(lit.open, lit.open * edge.of(_over(lit.blocked, lit.open)), edge.of(lit.added))
 
 
 def _over(part: F32, whole: F32) -> F32:

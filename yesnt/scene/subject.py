@@ -94,7 +94,9 @@ class Subject:
         origins = (hits.point + found.normal * np.float32(settings.offset)).astype(np.float32)
         occluders = Occluders(origins, None, None, hits.face[:0], footprint[:0])
         if settings.shadows is not False:
-            occluders = Occluders(origins, self.mesh, None, hits.face, footprint).within(around, settings.offset)
+            occluders = Occluders(origins, self.mesh, None, hits.face, footprint).within(
+                around, found.normal, settings.offset
+            )
         sent = self.sent if settings.bounce else None
         weights = response(integrate_under(sent, pixels, occluders, light, settings), pixels, settings.brdf)
         out = np.empty((len(order), 3), np.float32)

@@ -18,7 +18,7 @@ from yesnt.planning.shot_plan import ShotPlan
 from yesnt.planning.stages import BAKE, GROUND, RELIGHT, SOLVE
 from yesnt.planning.task_records import RelightTask
 
-SURROUNDINGS = 2
+SURROUNDINGS = 3
 """Version of the light that a set sends to the subject; raised in place of the stage's, which all jobs share."""
 
 

@@ -233,3 +233,16 @@ def test_z_that_contradicts_the_proxy_is_taken_from_it() -> None:
     assert sum(error(found, truth, inside)) < 1.2 * sum(error(clean, truth, inside))
     lost = replace(surface, z=np.where(surface.opacity > 0, surface.z + 1, surface.z).astype(np.float32))
     assert not measured(replace(given, surface=lost))[0].moved, "another part of the subject is no better"
+
+
+def test_a_metal_is_not_smeared_into_a_dielectric_of_the_same_colour() -> None:
+    bands = ((0.85, 0.0, (0.6, 0.6, 0.6)), (0.35, 1.0, (0.62, 0.62, 0.62)))
+    given, truth = scene(bands=bands)
+    inside, wrong = given.surface.opacity > 0.5, []
+    beside = inside & (np.abs(np.arange(SIZE) - (SIZE - 1) / 2) < 3)
+    metal = given.plate[inside & (truth.metallic > 0.5)].mean() / given.plate[inside & (truth.metallic < 0.5)].mean()
+    assert 0.9 < metal < 1.1, "of one colour in the plate"
+    for settings in (SETTINGS, replace(SETTINGS, contrary=1e9)):
+        found, _ = measured(given, settings)
+        wrong.append(np.sqrt(np.square(found.mean[0] - truth.roughness)[beside].mean()))
+    assert wrong[0] < 0.85 * wrong[1], "the disagreement of likelihoods is ignored"

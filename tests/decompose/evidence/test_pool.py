@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from yesnt.decompose.evidence.pool import Neighbourhood, pooled
+from yesnt.decompose.evidence.pool import Neighbourhood, pooled, with_nearest
 from yesnt.decompose.evidence.settings import EvidenceSettings
 
 SETTINGS = EvidenceSettings()
@@ -24,7 +24,8 @@ def plane(**changes):
         "position": position, "normal": normal,
     } | changes  # fmt: skip
     footprint = np.full(count, 0.01, np.float32)
-    return Neighbourhood(row, column, number, cost, *fields.values(), footprint), right
+    nothing = np.zeros((0, 0), np.float32), np.zeros(0, np.int32)
+    return Neighbourhood(row, column, number, cost, *fields.values(), footprint, *nothing), right
 
 
 def leak(points, right):
@@ -86,3 +87,27 @@ def test_only_fitted_points_are_averaged_and_lonely_ones_are_told_apart() -> Non
     found, weight = pooled(some, range(len(right)), SETTINGS)
     assert np.flatnonzero(weight == 0).tolist() == [3]
     np.testing.assert_allclose(np.delete(found, 3, axis=0), 0.7, rtol=1e-5)
+
+
+def test_materials_that_look_alike_to_all_cameras_are_told_apart_by_what_they_tell() -> None:
+    """Of one colour and pattern: only the disagreement of their likelihoods keeps them apart."""
+    points, right = plane()
+    strong = points._replace(cost=(200 * points.cost).astype(np.float32))
+    top = strong.cost.max()
+    assert max(leak(strong, right)) > 0.25 * top, "without it the neighbour's material leaks over the border"
+    assert max(leak(with_nearest(strong, SETTINGS), right)) < 0.1 * top
+
+
+def test_weak_likelihoods_that_disagree_are_averaged() -> None:
+    points, right = plane()
+    assert min(leak(with_nearest(points, SETTINGS), right)) > 0.25 * points.cost.max(), "one point tells too little"
+
+
+def test_one_wrong_point_does_not_keep_to_itself() -> None:
+    points, _ = plane()
+    cost = np.full_like(points.cost, 20.0)
+    cost[:, 0] = 0
+    cost[435] = [20, 0, 20, 20]
+    wrong = with_nearest(points._replace(cost=cost), SETTINGS)
+    found = pooled(wrong, range(len(cost)), SETTINGS)[0]
+    assert found[435].argmin() == 0, "its neighbours outvote it"

@@ -23,7 +23,7 @@ from yesnt.decompose.evidence.observe import (
     sample_view,
     silhouette_overlap,
 )
-from yesnt.decompose.evidence.pool import Neighbourhood, pooled
+from yesnt.decompose.evidence.pool import NEAREST, Neighbourhood, pooled, with_nearest
 from yesnt.decompose.evidence.posterior import estimate, metallic_shares
 from yesnt.decompose.evidence.records import FrameEvidence, Observations, Responses, View
 from yesnt.decompose.evidence.responses import (
@@ -219,10 +219,10 @@ class MeasuredFrame:
         cuts, held, made = bands(self._pixels, self._settings.tile), list[_Tile](), 0
         for band in cuts:
             first, last = self._rows[band.part.start], self._rows[band.part.stop - 1]
-            while made < len(cuts) and self._rows[cuts[made].part.start] <= last + self._settings.radius:
+            while made < len(cuts) and self._rows[cuts[made].part.start] <= last + self._settings.radius + NEAREST:
                 held.append(self._tile(cuts[made], views))
                 made += 1
-            held = [t for t in held if self._rows[t.part.stop - 1] >= first - self._settings.radius]
+            held = [t for t in held if self._rows[t.part.stop - 1] >= first - self._settings.radius - NEAREST]
             tile = next(t for t in held if t.part == band.part)
             start = band.part.start - held[0].part.start
             wanted = range(start, start + len(tile.cost))
@@ -230,7 +230,7 @@ class MeasuredFrame:
 
     def _pooled(self, held: list[_Tile], wanted: range, first: int, views: list[SeenView]) -> F32:
         """Pooled cost of a band; pixels that no fitted neighbour looks like are fitted alone."""
-        cost, weight = pooled(self._neighbourhood(held), wanted, self._settings)
+        cost, weight = pooled(with_nearest(self._neighbourhood(held), self._settings), wanted, self._settings)
         alone = np.flatnonzero(weight == 0)
         if len(alone):
             points = probe_points(self._pixels, alone + first, self._scene)
@@ -304,6 +304,7 @@ class MeasuredFrame:
             np.concatenate([tile.seen.valid for tile in held]).astype(np.uint8),
             np.concatenate([tile.fitted for tile in held]).astype(np.uint8),
             self._pixels.position[part], self._pixels.normal[part], self._scene.occluders.footprint[part],
+            np.zeros((0, 0), np.float32), np.zeros(0, np.int32),
         )  # fmt: skip
 
 

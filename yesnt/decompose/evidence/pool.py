@@ -3,12 +3,15 @@
 A neighbour's weight falls with its distance in the picture, with the turn of the normal, with its distance to the plane
 of the pixel, and with the difference of its appearance in all cameras that see both: colour, intensity, and the pattern
 of intensity from camera to camera. Two materials of one colour in the plate differ in that pattern where one of them
-mirrors the light.
+mirrors the light. Under a smooth light they hardly differ there; so what the nearest neighbours of each point tell is
+compared too, and points that tell different things are not averaged. Single points are too noisy for that: a wrong one
+would keep to itself.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +23,9 @@ from yesnt.relight.ranges import over_ranges
 
 F32 = NDArray[np.float32]
 I32 = NDArray[np.int32]
+
+NEAREST = 4
+"""Pixels from a point to the farthest of its nearest neighbours."""
 
 _LEAST_WEIGHT = 1e-3  # neighbours below it change nothing
 
@@ -39,6 +45,8 @@ class Neighbourhood(NamedTuple):
         position: [N, 3] world metres.
         normal: [N, 3] unit, world.
         footprint: [N] metres that a pixel covers.
+        near: [N, K] the cost pooled over the nearest neighbours; [0, 0] while that is found.
+        best: [N] number of its least candidate.
     """
 
     row: I32
@@ -52,6 +60,8 @@ class Neighbourhood(NamedTuple):
     position: F32
     normal: F32
     footprint: F32
+    near: F32
+    best: I32
 
 
 class Widths(NamedTuple):
@@ -64,6 +74,14 @@ class Widths(NamedTuple):
     intensity: float
     turn: float
     apart: float
+    contrary: float
+
+
+def with_nearest(points: Neighbourhood, settings: EvidenceSettings) -> Neighbourhood:
+    """The same points with what their nearest neighbours tell."""
+    few = replace(settings, radius=NEAREST, window=NEAREST / 2)
+    near, weight = pooled(points, range(len(points.row)), few)
+    return points._replace(near=near, best=np.where(weight > 0, near.argmin(axis=1), -1).astype(np.int32))
 
 
 def pooled(points: Neighbourhood, wanted: range, settings: EvidenceSettings) -> tuple[F32, F32]:
@@ -71,8 +89,10 @@ def pooled(points: Neighbourhood, wanted: range, settings: EvidenceSettings) -> 
 
     The sum is 0 for a point that no fitted neighbour looks like; its cost is then 0.
     """
-    names = ("window", "chroma", "pattern", "intensity", "turn", "apart")
+    names = ("window", "chroma", "pattern", "intensity", "turn", "apart", "contrary")
     widths = Widths(settings.radius, *(1 / getattr(settings, name) for name in names))
+    if not len(points.near):
+        widths = widths._replace(contrary=0.0)
     out = np.zeros((len(wanted), points.cost.shape[1]), dtype=np.float32)
     total = np.zeros(len(wanted), dtype=np.float32)
     over_ranges(len(wanted), lambda first, last: _pool(first, last, wanted.start, points, widths, (out, total)))
@@ -107,7 +127,10 @@ def _pool(first, last, offset, points, widths, results):  # type: ignore[no-unty
 
 @exact_kernel
 def _weight(p, q, points, widths):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Weight of neighbour q for point p; 0 if no camera sees both."""
+    """Weight of neighbour q for point p; 0 if no camera sees both.
+
+    What each of them, with its nearest neighbours, loses at the other's best candidate tells how they contradict.
+    """
     down, across = points.row[p] - points.row[q], points.column[p] - points.column[q]
     exponent = (down * down + across * across) * widths.window * widths.window
     along = turn = 0.0
@@ -134,4 +157,8 @@ def _weight(p, q, points, widths):  # type: ignore[no-untyped-def]  # noqa: ANN0
     exponent += chroma / shared * widths.chroma * widths.chroma
     exponent += max(square / shared - mean * mean, 0.0) * widths.pattern * widths.pattern
     exponent += mean * mean * widths.intensity * widths.intensity
+    if widths.contrary > 0 and points.best[p] >= 0 and points.best[q] >= 0:
+        one, other = points.best[p], points.best[q]
+        loss = points.near[p, other] - points.near[p, one] + points.near[q, one] - points.near[q, other]
+        exponent += loss * loss * widths.contrary * widths.contrary
     return np.float32(math.exp(-0.5 * exponent))

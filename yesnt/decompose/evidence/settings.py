@@ -63,6 +63,8 @@ class EvidenceSettings:
         intensity: the same of log intensity; large, since shading changes it too.
         turn: difference of unit normals at which a neighbour counts as another surface.
         apart: distance to the plane of the pixel at which a neighbour counts as another surface, in widths of a pixel.
+        contrary: what two points lose together, in log likelihood of a point, each at the best candidate of the other,
+            at which they count as two materials.
         temper: the mean of the pooled log likelihoods is divided by this: neighbours are not independent.
         unknown: standard deviation of roughness that wrong normals, visibility and light leave however well the cameras
             agree; added to the posterior's.
@@ -101,6 +103,7 @@ class EvidenceSettings:
     intensity: float = 0.67
     turn: float = 0.5
     apart: float = 4.0
+    contrary: float = 10.0
     temper: float = 0.15
     unknown: float = 0.12
     stretch: float = 1.1
@@ -131,7 +134,18 @@ class EvidenceSettings:
         for name, (low, high) in _RANGES.items():
             if not low <= getattr(self, name) <= high:
                 raise ValueError(f"{name} {getattr(self, name)} must be in {low} .. {high}")
-        for name in ("relative", "floor", "freedom", "temper", "window", "chroma", "pattern", "intensity", "turn"):
+        for name in (
+            "relative",
+            "floor",
+            "freedom",
+            "temper",
+            "window",
+            "chroma",
+            "pattern",
+            "intensity",
+            "turn",
+            "contrary",
+        ):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} {getattr(self, name)} must be above 0")
 

@@ -112,7 +112,7 @@ class EvidenceSettings:
     normal_error: float = 3.0
     gain_error: float = 0.05
     light_error: float = 0.1
-    independent: int = 100
+    independent: int = 25
     passes: int = 2
     roughness_levels: int = len(ROUGHNESS)
     metallic_levels: int = len(METALLIC)

@@ -22,7 +22,7 @@ from yesnt.metrics.image import psnr
 from yesnt.runtime.checks.inputs import inspect
 from yesnt.runtime.session import Session
 
-pytestmark = pytest.mark.blender
+pytestmark = [pytest.mark.blender, pytest.mark.timeout(1200)]
 
 FRAMES = (1001, 1002, 1003)
 TRUE = {"head": (0.45, 0.0), "ball": (0.30, 1.0), "vase": (0.80, 0.0)}

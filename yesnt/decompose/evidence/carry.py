@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,19 +24,20 @@ def carried_evidence(
 ) -> FrameEvidence:
     """Materials of the earlier frame; where the flow does not reach, the model's estimate of that frame.
 
-    What is carried was measured, so it is never less certain than the model: its spread stays.
+    What is carried was measured, so its spread stays, and it is taken however large that is: where the cameras leave
+    much open the model's estimate, which the posterior holds already, is no better.
 
     Args:
         found: mean and std [2, H, W] and views [H, W] of the keyframe.
         own: the model's mean and standard deviation [2, H, W] in the earlier frame.
         way: flow from the earlier frame to the keyframe, in order of time, and the mattes of all these frames.
-        reuse: thresholds of validity and confidence.
+        reuse: least validity of the flow.
         least_views: cameras from which a pixel counts as measured.
     """
     links, mattes = way
     views = found.views[None]
     planes = np.concatenate([found.mean, views]), np.concatenate([found.std, np.zeros_like(views)])
-    carried = propagate_keyframe(*planes, links, mattes, reuse)
+    carried = propagate_keyframe(*planes, links, mattes, replace(reuse, reuse_confidence=0.0))
     count = np.where(carried.known, np.rint(carried.mean[2]), 0)
     known = count >= least_views
     mean, std = (np.where(known, a[:2], b) for a, b in zip((carried.mean, carried.std), own, strict=True))

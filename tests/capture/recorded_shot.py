@@ -66,12 +66,14 @@ def write_recorded_shot(
     (folder / "camera.json").write_text(json.dumps(lens_of(seen) | {"frames": poses}))
     sky = np.linspace(0.2, 1.0, 8, dtype=np.float32)[:, None] * np.ones((8, 16), np.float32)
     write_exr(folder / "light.exr", {c: sky for c in "RGB"})
-    knobs = {"steps": 80, "check": 40, "count": 200, "most": 250, "triangles": 600}
+    material = np.full((36, 40), 0.5, np.float32)
+    write_exr(folder / "material.exr", {"roughness.Y": material, "metallic.Y": 0 * material})
+    knobs = {"steps": 40, "check": 40, "count": 150, "most": 200, "triangles": 600}
     job = {
         "version": 1, "name": "recorded", "frames": frames, "camera": "camera.json", "light": {"path": "light.exr"},
         "capture": {"cameras": "cameras.json", "images": "videos/{camera}.mkv", "first": FIRST, "matting": {}},
         "gaussians": {"every": 2, "held_out": 0, "knobs": knobs}, "evidence": {"use": False},
-        "decompose": {"samples": 1}, "quality": "draft", "flow": {"knobs": {"method": "dis-fast"}},
+        "decompose": {"path": "material.exr"}, "quality": "draft", "flow": {"knobs": {"method": "dis-fast"}},
         "relight": {"texels": 8, "capture_texels": 4, "clusters": 8, "capture_clusters": 8},
         "set": {"ground": "auto"}, **changes,
     }  # fmt: skip

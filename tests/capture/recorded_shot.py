@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import yaml
 
 from tests.gaussians.scenes import camera_at
 from yesnt.core.camera import Camera
+from yesnt.core.distortion import UNDISTORTED, Distortion
 from yesnt.io.exr import write_exr
 
 SIDE, RADIUS, LENGTH, FIRST = 80, 0.5, 11, 1001
@@ -44,22 +46,25 @@ def wall(seed: int) -> np.ndarray:
     return np.stack([0.35 + band, 0.4 + band, 0.5 + band], axis=-1)
 
 
-def cameras() -> dict[str, Camera]:
-    return {f"c{i}": camera_at(eye, (SIDE, SIDE), 55.0) for i, eye in enumerate(EYES)}
+def cameras(bend: float = 0.0) -> dict[str, Camera]:
+    """The four cameras, with a first radial coefficient of their lenses."""
+    lens = Distortion("brown", (bend, 0.0, 0.0, 0.0)) if bend else UNDISTORTED
+    return {f"c{i}": replace(camera_at(eye, (SIDE, SIDE), 55.0), distortion=lens) for i, eye in enumerate(EYES)}
 
 
 def write_recorded_shot(
-    folder: Path, frames: str = "1005-1006", late: dict[str, int] | None = None, **changes: Any
+    folder: Path, frames: str = "1005-1006", late: dict[str, int] | None = None, bend: float = 0.0, **changes: Any
 ) -> Path:
     """Writes videos, calibration and `shot.yaml`; the files of `late` cameras are so many pictures late."""
     folder.mkdir(parents=True, exist_ok=True)
     entries = {}
-    for number, (name, camera) in enumerate(cameras().items()):
+    for number, (name, camera) in enumerate(cameras(bend).items()):
         shift = (late or {}).get(name, 0)
         noise = np.random.default_rng(number)
         shown = (picture(camera, place(i - shift), number)[0] for i in range(LENGTH))
         write_video(folder / "videos" / f"{name}.mkv", [one + 0.01 * noise.normal(size=one.shape) for one in shown])
         entries[name] = lens_of(camera) | {"world_from_camera": camera.pose(0).ravel().tolist()}
+        entries[name] |= {"distortion": {"model": "brown", "k": [bend, 0, 0, 0]}} if bend else {}
     (folder / "cameras.json").write_text(json.dumps({"cameras": entries}))
     seen = camera_at((1.4, -1.9, 0.9), (40, 36), 44.0)
     poses = {str(n): {"world_from_camera": seen.pose(0).ravel().tolist()} for n in range(FIRST, FIRST + LENGTH)}

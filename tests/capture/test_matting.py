@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.capture.balls import around_balls, silhouettes
+from tests.capture.balls import around_balls, ring, silhouettes
 from yesnt.capture.consistent import Support, support_of
 from yesnt.capture.matting import (
     Background,
@@ -53,6 +53,13 @@ def test_what_differs_from_the_clean_plate_is_the_subject_whatever_the_light_doe
         assert agreement(refined(display_levels(picture), chance), body()) > 0.97
     empty = changed(photographed(0 * body() > 0), background)
     assert (empty > 0.5).mean() < 0.001, "noise is not a subject"
+
+
+def test_a_light_of_another_colour_is_not_the_subject() -> None:
+    picture, background = photographed(body()), clean_background(wall())
+    lit = changed(picture * np.float32([1.3, 1.0, 0.8]), background)
+    assert np.abs(lit - changed(picture, background))[body()].max() < 0.01
+    assert (lit[:10] > 0.5).mean() < 0.001
 
 
 def test_a_shadow_is_not_the_subject() -> None:
@@ -162,6 +169,15 @@ def test_a_part_that_one_camera_missed_stays_in_the_others_and_returns_to_it(vie
     assert (supports[1].applied(matte)[missed] > 0.5).mean() > 0.9
     certain = np.where(missed, 0.0, matte)
     assert (supports[1].applied(certain.astype(np.float32))[missed] < 0.5).all(), "what is certain is not filled"
+
+
+def test_one_of_three_others_may_have_missed_a_part() -> None:
+    few = silhouettes(ring(5), 80, (((0, 0, 0), 0.5), ((0.6, 0.1, 0.2), 0.25)))
+    supports = support_of(
+        changed_view(few, 1, np.where(np.mgrid[:80, :80][0] < 38, 0, few[1].matte).astype(np.float32))
+    )
+    for number in (0, 2, 3, 4):
+        assert (supports[number].kept[few[number].matte > 0.5] > 0.9).all()
 
 
 def test_one_camera_or_none_that_sees_anything_changes_nothing(views) -> None:

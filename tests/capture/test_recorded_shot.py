@@ -97,6 +97,14 @@ def test_a_camera_that_is_late_is_named_with_its_offset(tmp_path: Path, monkeypa
     assert "add `c2: 1` to `capture.offsets`, on top of what stands there; `yesnt capture SHOT --sync 4`" in said[0]
 
 
+def test_mattes_lie_in_the_pictures_of_lenses_that_distort(tmp_path: Path) -> None:
+    job = write_recorded_shot(tmp_path, "1004", bend=0.5)
+    run_shared(Session(job), RunOptions(until="matte"))
+    for number, (name, camera) in enumerate(cameras(0.5).items()):
+        inside, truth = matte_of(job, name, 1004) > 0.5, picture(camera, place(1004 - FIRST), number)[1]
+        assert (inside & truth).sum() / (inside | truth).sum() > 0.88, name
+
+
 def section_of(**matting: object) -> dict[str, object]:
     return {"cameras": "cameras.json", "images": "videos/{camera}.mkv", "first": FIRST, "matting": matting}
 

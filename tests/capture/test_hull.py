@@ -88,6 +88,14 @@ def test_small_components_are_left_out() -> None:
     assert hull.points[:, 2].max() < 1.2
 
 
+def test_components_that_few_cameras_see_are_left_out() -> None:
+    """Four narrow pictures: behind the ball as a camera sees it, two silhouettes cross where the others see nothing."""
+    views = silhouettes(ring(4), 64, (((0.0, 0.0, 0.0), 0.5),), distance=2.2)
+    hull = visual_hull(views, 48)
+    assert np.linalg.norm(hull.points, axis=-1).max() < 0.95
+    assert hull.seen[hull.field > 0].min() == 4
+
+
 def test_thin_limbs_survive_the_coarse_grids() -> None:
     pole = tuple(((0.0, 0.0, z), 0.04) for z in np.linspace(-0.8, 0.8, 60))
     hull = visual_hull(silhouettes(ring(8), 96, pole), 48)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.capture.carving import FAR, GridRecord, carve, pinhole_record
-from yesnt.capture.hull import KEPT_SHARE, Silhouette, edge_distance, required_views
+from yesnt.capture.hull import KEPT_SHARE, Silhouette, edge_distance, required_views, well_seen
 from yesnt.capture.volume import Volume, common_volume
 
 F32 = NDArray[np.float32]
@@ -121,7 +121,8 @@ class _Votes:
         others, covering = _without(self.seen, number), _without(self.near, number)
         forgiven = np.maximum(np.where(others >= 3, 1, 0), np.floor(FORGIVEN_OUT * others))
         enough = others >= max(1, required_views(len(self.seen)) - 1)
-        return _largest(self.seen[number] & enough & (covering >= others - forgiven))
+        supported = self.seen[number] & enough & (covering >= others - forgiven)
+        return _largest(well_seen(supported, self.seen.sum(axis=0, dtype=np.uint8)))
 
     def filled(self, number: int) -> tuple[Bool, NDArray[np.int64]]:
         """Points that the others take for the subject whatever this camera shows, and by how many of them."""

@@ -28,6 +28,10 @@ RESOLUTION = 96
 KEPT_SHARE = 0.02
 """Share of the largest component's points below which a component is left out: silhouettes cross in free space too."""
 
+WELL_SEEN = 0.75
+"""Share of the cameras that see the best seen component that must see another one: where few pictures overlap, their
+silhouettes cross behind and beside the subject, and nobody else can say that nothing is there."""
+
 _COARSE = (48, 64)  # points along the longest side of the grids that find the subject's box
 _EDGE = (0.02, 0.98)  # coverage between which a pixel itself tells where the edge lies
 _OUT = 10.0  # steps outside, for points that too few cameras have in their picture
@@ -110,10 +114,10 @@ def visual_hull(
     if volume is None:
         volume = common_volume([(view.camera, view.pose) for view in views], least)
     for coarse in _COARSE:
-        field, _, grid = _carved(views, distances, volume, coarse, least)
-        volume = _around(field, grid, volume)
+        field, seen, grid = _carved(views, distances, volume, coarse, least)
+        volume = _around(field, seen, grid, volume)
     field, seen, grid = _carved(views, distances, volume, resolution, least)
-    return _surface(_without_crumbs(field, grid.step), seen, grid)
+    return _surface(_without_crumbs(field, seen, grid.step), seen, grid)
 
 
 def required_views(count: int) -> int:
@@ -163,25 +167,47 @@ def _carved(
     return np.clip(field, -_OUT * step, _OUT * step), seen, grid
 
 
-def _around(field: F32, grid: GridRecord, volume: Volume) -> Volume:
+def _around(field: F32, seen: NDArray[np.uint8], grid: GridRecord, volume: Volume) -> Volume:
     """The box of the points that may lie within a step of the hull; the whole box if there is none."""
-    found = np.argwhere(field > -1.8 * grid.step)  # the diagonal of a cell: no thin limb falls between the points
+    near = field > -1.8 * grid.step  # the diagonal of a cell: no thin limb falls between the points
+    found = np.argwhere(well_seen(near, seen))
     if not len(found):
         return volume
     return Volume(grid.origin + grid.step * (found.min(axis=0) - 1), grid.origin + grid.step * (found.max(axis=0) + 1))
 
 
-def _without_crumbs(field: F32, step: float) -> F32:
-    """The field without small components."""
+def well_seen(points: NDArray[np.bool_], seen: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """The components of points [X, Y, Z] that enough cameras see, by the number of cameras [X, Y, Z] of each point."""
+    from scipy.ndimage import label
+
+    labels, count = label(points)
+    if count < 2:
+        return points
+    return np.asarray(_seen_enough(labels, seen)[labels] & points)
+
+
+def _seen_enough(labels: Int32, seen: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Which labels enough cameras see at some point."""
+    most = np.zeros(int(labels.max()) + 1, np.uint8)
+    np.maximum.at(most, labels.ravel(), seen.ravel())
+    most[0] = 0
+    return np.asarray(most >= WELL_SEEN * most.max())
+
+
+def _without_crumbs(field: F32, seen: NDArray[np.uint8], step: float) -> F32:
+    """The field without components that are small, or that few cameras see."""
     from scipy.ndimage import find_objects, label
 
     labels, count = label(field > 0)
     if count < 2:
         return field
-    sizes = np.bincount(labels.ravel())[1:]
+    enough = _seen_enough(labels, seen)
+    sizes = np.bincount(labels.ravel())
+    sizes[~enough] = 0
+    sizes[0] = 0
     result = field.copy()
     for number, box in enumerate(find_objects(labels), 1):
-        if sizes[number - 1] < KEPT_SHARE * sizes.max():
+        if not enough[number] or sizes[number] < KEPT_SHARE * sizes.max():
             part = result[box]
             part[labels[box] == number] = -0.1 * step
     return result

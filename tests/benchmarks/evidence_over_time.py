@@ -21,7 +21,7 @@ from yesnt.decompose.evidence.settings import OFFSETS, EvidenceSettings
 from yesnt.decompose.evidence.tracks import earlier_places, later_places
 from yesnt.decompose.reuse import Link
 from yesnt.measure.evaluation.subjects import Subject
-from yesnt.measure.trade.harness import Harness, true_materials
+from yesnt.measure.trade.harness import Harness
 from yesnt.measure.trade.variants import variants
 from yesnt.metrics.material import measure_material
 from yesnt.planning import settings as of
@@ -86,8 +86,8 @@ def figures(planes, true, inside):
 
 def measure(shot, label):
     """Prints the rows of one frame."""
-    true = true_materials(shot.harness, (shot.now,))[:, shot.now]
-    inside = shot.harness.plates[shot.now].matte > 0.99
+    matte = shot.harness.plates[shot.now].matte
+    true, inside = shot.subject.read_material(shot.harness.frames[shot.now], matte).planes, matte > 0.99
     print(f"| {label} | the model | | | {figures(shot.mean[:, shot.now], true, inside)} |", flush=True)
     inputs = {p: shot.inputs(p) for p in (shot.now, *shot.others)}
     relight = of.relight_settings(shot.harness.session.job.shot)

@@ -10,7 +10,8 @@ from tests.in_process import run_here, shard_digests
 from yesnt.core.errors import JobError
 from yesnt.io.exr import write_exr
 from yesnt.io.pictures.image import read_image
-from yesnt.planning.stages import EVIDENCE
+from yesnt.io.store import FrameStore
+from yesnt.planning.stages import EVIDENCE, RELIGHT
 from yesnt.relight.envmap import uv_to_direction
 from yesnt.report import write_report
 from yesnt.report.pictures import draw
@@ -262,6 +263,38 @@ def test_with_a_given_capture_light_relighting_does_not_read_the_cameras(tmp_pat
 def estimated_directions(shape):
     u, v = np.meshgrid((np.arange(shape[1]) + 0.5) / shape[1], (np.arange(shape[0]) + 0.5) / shape[0])
     return uv_to_direction(u, v).astype(np.float32)
+
+
+def test_base_colour_takes_what_all_cameras_tell_where_every_frame_is_measured(tmp_path) -> None:
+    found = {}
+    for name, knobs in (("views", {}), ("plate", {"sight_error": 1e6})):
+        path = write_capture_shot(tmp_path / name, frames=1, evidence={"knobs": knobs})
+        store = FrameStore(run_here(path, "relight").output.store)
+        found[name] = {one: store.read(one, 0) for one in ("base_color", "base_views", "material")}
+    views, plate = found["views"], found["plate"]
+    np.testing.assert_array_equal(views["material"], plate["material"])
+    assert plate["base_views"][3].max() < 1e-6, "its weight"
+    base, weight = views["base_views"][:3], views["base_views"][3]
+    expected = plate["base_color"] + weight * (base - plate["base_color"])
+    inside = truth()[1]
+    assert np.abs(expected - plate["base_color"])[:, inside].max() > 0.02
+    np.testing.assert_allclose(views["base_color"][:, inside], expected[:, inside], atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("changes", "shifted"),
+    [
+        ({}, True),
+        ({"evidence": {"every": 2}}, False),
+        ({"materials": [{"mask": "plate.####.exr", "channel": "A", "metallic": 1.0}]}, False),
+        ({"relight": {"base_color": "plate", "texels": 8}}, False),
+        ({"evidence": {"use": False}}, False),
+    ],
+)
+def test_relighting_reads_the_evidence_in_all_frames_or_in_none(tmp_path, changes, shifted) -> None:
+    nodes = [node for node in Session(write_capture_shot(tmp_path, **changes)).graph() if node.stage == RELIGHT]
+    assert [node.task.base_from_views for node in nodes] == [shifted] * 3
+    assert [any(stage == EVIDENCE for stage, _ in node.needs) for node in nodes] == [shifted] * 3
 
 
 def test_one_camera_over_time_measures_without_a_capture(tmp_path) -> None:

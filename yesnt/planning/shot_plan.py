@@ -94,6 +94,15 @@ class ShotPlan:
         found = keyframes_taken(self.job.frames, self.job.shot.evidence.every, self.absent, self.unlinked)
         return found if self.job.shot.evidence.time else {f: key for f, key in found.items() if key in self.views}
 
+    @property
+    def base_from_views(self) -> bool:
+        """Whether the capture's cameras tell of the base colour too: in all frames or in none, lest they flicker.
+
+        Materials that an artist corrects are not those that the cameras were explained by.
+        """
+        measured = bool(self.views) and all(frame in self.views for frame in self.delivered)
+        return measured and not self.job.shot.corrected and self.job.shot.relight.get("base_color") != "plate"
+
     @cached_property
     def moments(self) -> Mapping[int, tuple[int, ...]]:
         """Frame that is measured over time -> the other frames of the camera that measure it; empty if none is."""

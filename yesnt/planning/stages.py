@@ -129,7 +129,7 @@ _ROWS = (
         channels=("flow", "validity"),
     ),
     Stage(
-        "evidence", 7, "frame", "observed, spread, plate, G-buffer, proxy, pictures of the capture's cameras; or "
+        "evidence", 8, "frame", "observed, spread, plate, G-buffer, proxy, pictures of the capture's cameras; or "
         "a measured frame and the flow to it; or the frames around it (only jobs with a capture or `evidence.time`)",
         Cost(1.0, 40.0, 600, 600, 5), "#5aa7a7",
         {
@@ -137,7 +137,7 @@ _ROWS = (
             records.TrackTask: "yesnt.tasks.evidence_tracks:measure_tracks",
             records.CarryEvidenceTask: "yesnt.tasks.evidence:carry_materials",
         },
-        channels=("measured", "measured_spread", "views"), optional=True,
+        channels=("measured", "measured_spread", "views", "base_views"), optional=True,
     ),
     Stage(
         "correct", 1, "frame", "observed, spread, plate, masks and passes of one quantity (only jobs that correct)",

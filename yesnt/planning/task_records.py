@@ -243,7 +243,13 @@ class GroundTask(TaskRecord):
 
 @dataclass(frozen=True)
 class RelightTask(TaskRecord):
-    """Relights one frame."""
+    """Relights one frame.
+
+    Attributes:
+        base_from_views: whether the capture's cameras tell of the base colour too.
+    """
+
+    base_from_views: bool = False
 
 
 @dataclass(frozen=True)

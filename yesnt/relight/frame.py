@@ -43,12 +43,15 @@ class FrameInputs:
         base_color: known base colour [H, W, 3]; None: the capture light is divided out of the plate.
         captured: with a known base colour, what it sends out under the light of the plate (`RelitFrame.captured`);
             None: light at edges is left as it is computed.
+        base_views: [H, W, 4] base colour by other views and its weight against the plate's
+            (decompose/evidence/base_color.py); None: the plate's stands.
     """
 
     plate: NDArray[np.floating]
     surface: Surface
     base_color: NDArray[np.floating] | None = None
     captured: CapturedLight | None = None
+    base_views: NDArray[np.floating] | None = None
 
 
 @dataclass(frozen=True)
@@ -127,12 +130,21 @@ def relight_frame(
     elif capture is not None:
         base, clamped, lit = base_color(plate, pixels, occluders, capture, settings)
         captured = None if lit is None else _captured(lit, plate, pixels, inputs.surface, settings)
+        base = _seen_by_views(base, inputs.base_views, pixels)
     else:
         raise ValueError("relight_frame needs the capture light or the base colour")
     occluders = occluders.within(surroundings, pixels.normal, settings.offset)
     relit = replace(shade_pixels(base, pixels, occluders, light, settings), clamped=clamped, captured=captured)
     relit = finish(relit, pixels.image(plate), inputs.surface, settings)
     return finish_silhouette(relit, inputs.surface) if settings.extend else relit
+
+
+def _seen_by_views(base: F32, views: NDArray[np.floating] | None, pixels: Pixels) -> F32:
+    """The base colour [P, 3] of the plate, moved to that of other views by its weight."""
+    if views is None:
+        return base
+    seen = np.asarray(views, np.float32).reshape(-1, 4)[pixels.index]
+    return base + seen[:, 3:] * (seen[:, :3] - base)
 
 
 class Lit(NamedTuple):

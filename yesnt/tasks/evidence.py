@@ -83,4 +83,6 @@ def carry_materials(space: Workspace[CarryEvidenceTask]) -> None:
 
 
 def _channels(found: FrameEvidence) -> dict[str, F32]:
-    return {"measured": found.mean, "measured_spread": found.std, "views": found.views[None]}
+    base = np.zeros((*found.views.shape, 4), np.float32) if found.base_views is None else found.base_views
+    planes = {"measured": found.mean, "measured_spread": found.std, "views": found.views[None]}
+    return planes | {"base_views": np.ascontiguousarray(base.transpose(2, 0, 1))}

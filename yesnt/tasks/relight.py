@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.planning import settings as of
-from yesnt.planning.stages import SOLVE
+from yesnt.planning.stages import EVIDENCE, SOLVE
 from yesnt.planning.task_records import RelightTask
 from yesnt.tasks.light import LightFiles, light_of_the_sun, prepared_lights
 from yesnt.tasks.surroundings import surroundings
@@ -33,12 +33,13 @@ def relight(space: Workspace[RelightTask]) -> None:
     job, frame, camera = space.job, space.frame, space.camera()
     plate, seen = space.plate(frame, working=True), space.surface(frame, camera)
     material, mesh = space.read(SOLVE, "material", frame), space.inputs.proxy()
+    views = space.read(EVIDENCE, "base_views", frame).transpose(1, 2, 0) if space.task.base_from_views else None
     settings, around = of.relight_settings(job.shot), surroundings(space)
     with space.kernel():
         proxy = relight_inputs.proxy_scene(mesh, ProxyScene)
         inputs = relight_inputs.RelightInputs(plate, seen, camera, frame, proxy, around)
         lights = prepared_lights(LightFiles.of_task(space), inputs.surface(material), settings)
-        relit = relight_inputs.relight(inputs, material, lights, settings)
+        relit = relight_inputs.relight(inputs, material, lights, settings, base_views=views)
         planes = {
             "base_color": relit.base_color.transpose(2, 0, 1),
             "diffuse": relit.diffuse.transpose(2, 0, 1),

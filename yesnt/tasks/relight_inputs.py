@@ -57,6 +57,7 @@ def relight(
     settings: RelightSettings,
     base_color: F32 | None = None,
     captured: CapturedLight | None = None,
+    base_views: F32 | None = None,
 ) -> RelitFrame:
     """Relights one frame.
 
@@ -67,9 +68,10 @@ def relight(
         settings: quality of relighting.
         base_color: known base colour [H, W, 3]; None: the capture light is divided out of the plate.
         captured: with a known base colour, what it sends out under the light of the plate; None: not known.
+        base_views: [H, W, 4] base colour by other views and its weight against the plate's; None: the plate's stands.
     """
     light, capture = lights
-    frame_inputs = FrameInputs(inputs.plate.color, inputs.surface(material), base_color, captured)
+    frame_inputs = FrameInputs(inputs.plate.color, inputs.surface(material), base_color, captured, base_views)
     return relight_frame(frame_inputs, light, capture, inputs.proxy, settings, inputs.surroundings)
 
 

@@ -7,7 +7,7 @@ import xml.etree.ElementTree as ElementTree
 import pytest
 
 from yesnt.measure.trade.choose import Point, cheapest, combinations, frontier
-from yesnt.measure.trade.plot import plot_svg
+from yesnt.measure.trade.plot import HEIGHT, plot_svg
 
 POINTS = [
     Point("decompose", "fast", 1.0, 0.04),
@@ -65,6 +65,14 @@ def test_the_plot_has_a_panel_a_stage_and_a_dot_a_setting():
     assert "good" in labels
     assert "bad" not in labels, "only the frontier is labelled"
     assert len(shapes(POINTS[:3])["g"]) == 1
+
+
+def test_every_panel_lies_inside_the_picture():
+    for points in (POINTS, [*POINTS, Point("evidence", "8 cameras", 1.0, 0.01)]):
+        drawn = shapes(points)
+        height = float(drawn["svg"][0].get("viewBox").split()[3])
+        places = [group.get("transform")[len("translate(") : -1].split(",") for group in drawn["g"]]
+        assert max(float(y) for _, y in places) + HEIGHT == height
 
 
 def test_slower_settings_lie_farther_right_and_larger_errors_higher():

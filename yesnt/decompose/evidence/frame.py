@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yesnt.core.color import luminance
+from yesnt.decompose.evidence.base_color import base_by_views, spread_over_pixels
 from yesnt.decompose.evidence.consistency import LEVELS, left_out_views, silhouette_contradiction
 from yesnt.decompose.evidence.depth import on_proxy
 from yesnt.decompose.evidence.fit import negative_log_likelihood
@@ -97,7 +98,7 @@ def measure_frame(inputs: EvidenceInputs, relight: RelightSettings, settings: Ev
     views, gains = frame.compare(views, left_out)
     light = frame.correct(views)
     mean, std, count = frame.measure(views)
-    return FrameEvidence(mean, std, count, left_out, gains, light, int(moved.sum()))
+    return FrameEvidence(mean, std, count, left_out, gains, light, int(moved.sum()), frame.base_views())
 
 
 def _matching_views(inputs: EvidenceInputs, settings: EvidenceSettings) -> tuple[list[SeenView], dict[str, str]]:
@@ -132,6 +133,8 @@ class _Tile:
         cost: [N, R * M] minus the log likelihood; 0 where not fitted.
         log_radiance: [N, V, 3].
         seen: what the cameras saw.
+        few: places of the fitted pixels in the band, in the order of `explained`.
+        explained: of these what the cameras saw, with its errors, and their responses.
     """
 
     part: slice
@@ -139,6 +142,8 @@ class _Tile:
     cost: F32
     log_radiance: F32
     seen: Observations
+    few: NDArray[np.intp]
+    explained: tuple[Observations, Responses]
 
 
 class MeasuredFrame:
@@ -158,6 +163,8 @@ class MeasuredFrame:
         self._plate, self._deviation = (a.reshape(-1, 3)[pixels.index] for a in (plate, local_deviation(plate)))
         self._plate_agrees = True
         self._gain: NDArray[np.floating] | None = None
+        self._base = np.zeros((len(pixels.index), 4), np.float32)
+        self._fitted = np.zeros(len(pixels.index), np.bool_)
 
     def _probes(self, views: list[SeenView]) -> tuple[LitPoints, list[Sample]]:
         """A few points, and what the cameras saw of them."""
@@ -212,7 +219,19 @@ class MeasuredFrame:
             shaped = cost[enough].reshape(len(at), *self._grid)
             found, deviation = estimate(shaped, flat_mean[:, at].T, flat_std[:, at].T, self._settings)
             flat_mean[:, at], flat_std[:, at], flat_count[at] = found.T, deviation.T, views_of[enough]
+            self._keep_base(tile, flat_mean[:, index[tile.part]].T)
         return mean, std, count
+
+    def _keep_base(self, tile: _Tile, materials: F32) -> None:
+        """What all views say of the base colour of a band's fitted pixels, at the materials [N, 2] of the band."""
+        levels, at = roughness_levels(self._settings), tile.part.start + tile.few
+        self._fitted[at] = True
+        self._base[at] = base_by_views(*tile.explained, levels, materials[tile.few], self._settings)
+
+    def base_views(self) -> F32:
+        """Base colour by all views and its weight against the plate's, [H, W, 4]; after `measure`."""
+        base, fitted = self._pixels.image(self._base), self._pixels.image(self._fitted.astype(np.float32)) > 0
+        return spread_over_pixels(base, fitted, np.asarray(self._inputs.plate, np.float32))
 
     def _pooled_tiles(self, views: list[SeenView]) -> Iterator[tuple[_Tile, F32]]:
         """Every band with its pooled cost; only bands that neighbours reach are held."""
@@ -234,7 +253,7 @@ class MeasuredFrame:
         alone = np.flatnonzero(weight == 0)
         if len(alone):
             points = probe_points(self._pixels, alone + first, self._scene)
-            cost[alone] = self._cost(points, self._all_samples(views, points.pixels, alone + first))
+            cost[alone], _ = self._cost(points, self._all_samples(views, points.pixels, alone + first))
         return cost
 
     def _tile(self, band: Band, views: list[SeenView]) -> _Tile:
@@ -245,10 +264,10 @@ class MeasuredFrame:
         fitted = np.zeros(len(numbers), dtype=np.bool_)
         fitted[few] = True
         cost = np.zeros((len(numbers), self._grid[0] * self._grid[1]), dtype=np.float32)
-        cost[few] = self._cost(points.taken(few), [one.taken(few) for one in samples])
+        cost[few], explained = self._cost(points.taken(few), [one.taken(few) for one in samples])
         seen = self._observations(samples)
         log_radiance = np.log(np.maximum(seen.radiance, _DARK * self._mean_radiance))
-        return _Tile(band.part, fitted, cost, log_radiance, seen)
+        return _Tile(band.part, fitted, cost, log_radiance, seen, few, explained)
 
     def _chosen(self, numbers: NDArray[np.intp]) -> NDArray[np.intp]:
         """Places in a band of the first pixel of every cell of `step` rows and columns."""
@@ -256,14 +275,15 @@ class MeasuredFrame:
         row, column = self._rows[numbers] // step, self._pixels.index[numbers] % width // step
         return np.unique(row * width + column, return_index=True)[1].astype(np.intp)
 
-    def _cost(self, points: LitPoints, samples: list[Sample]) -> F32:
-        """Minus the log likelihood [N, R * M] of points that the cameras saw so."""
+    def _cost(self, points: LitPoints, samples: list[Sample]) -> tuple[F32, tuple[Observations, Responses]]:
+        """Minus the log likelihood [N, R * M] of points that the cameras saw so, and what it is made from."""
         of = responses(points, samples, self._scene, roughness_levels(self._settings))
         degrees, turned = self._settings.normal_error, None
         if degrees:
             turned = turned_responses(points, samples, self._scene, roughness_levels(self._settings), degrees)
-        cost = likelihood_engine(self._settings)(self._weighed(points, samples), of, self._settings, turned)
-        return cost.reshape(len(cost), -1)
+        weighed = self._weighed(points, samples)
+        cost = likelihood_engine(self._settings)(weighed, of, self._settings, turned)
+        return cost.reshape(len(cost), -1), (weighed, of)
 
     def _observations(self, samples: list[Sample]) -> Observations:
         return observations(samples, self._settings.floor * self._mean_radiance, self._settings)

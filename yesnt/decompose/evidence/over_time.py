@@ -16,7 +16,7 @@ from yesnt.decompose.evidence.depth import on_proxy
 from yesnt.decompose.evidence.frame import EvidenceInputs, MeasuredFrame, capture_scene, likelihood_engine
 from yesnt.decompose.evidence.mirrored import occluded_share
 from yesnt.decompose.evidence.observe import Sample, SeenView, local_deviation, observations, prepare_view
-from yesnt.decompose.evidence.records import FrameEvidence, Responses, View
+from yesnt.decompose.evidence.records import FrameEvidence, Observations, Responses, View
 from yesnt.decompose.evidence.responses import CaptureScene, LitPoints, probe_points, responses
 from yesnt.decompose.evidence.settings import EvidenceSettings, roughness_levels
 from yesnt.decompose.evidence.triangles import proxy_size
@@ -135,8 +135,8 @@ class _TrackedFrame(MeasuredFrame):
             found.append(_tracked(shown, place.reshape(-1, 2)[pixels.index], self._settings))
         return list(found)
 
-    def _cost(self, points: LitPoints, samples: list[Sample]) -> F32:
-        """Minus the log likelihood [N, R * M]: responses and occlusion of each view are those of its own frame."""
+    def _cost(self, points: LitPoints, samples: list[Sample]) -> tuple[F32, tuple[Observations, Responses]]:
+        """As of several cameras, but responses and occlusion of each view are those of its own frame."""
         count, levels = len(points.hits), roughness_levels(self._settings)
         of, occluded = [], np.zeros((count, len(samples)), np.float32)
         for v, sample in enumerate(samples):
@@ -149,8 +149,9 @@ class _TrackedFrame(MeasuredFrame):
             share = occluded_share(lit.pixels.normal, few.towards, lit.hits, lights, self._settings.sharpness)
             occluded[seen, v] = share
         weighed = observations(samples, self._settings.floor * self._mean_radiance, self._settings, occluded)
-        cost = likelihood_engine(self._settings)(weighed, _joined(of), self._settings, None)
-        return cost.reshape(len(cost), -1)
+        joined = _joined(of)
+        cost = likelihood_engine(self._settings)(weighed, joined, self._settings, None)
+        return cost.reshape(len(cost), -1), (weighed, joined)
 
 
 def _tracked(shown: _Shown, place: F32, settings: EvidenceSettings) -> _Tracked:

@@ -82,6 +82,7 @@ class FrameEvidence:
         gains: camera -> its radiance over that of the others.
         light: harmonics of bands 1 and 2 of the factor of the capture light minus 1; empty if none was fitted.
         moved: pixels whose point was taken from the proxy, since z contradicts it.
+        base_views: [H, W, 4] base colour by all views and its weight against the plate's; None: the plate's stands.
     """
 
     mean: F32
@@ -91,3 +92,4 @@ class FrameEvidence:
     gains: dict[str, float]
     light: tuple[float, ...] = ()
     moved: int = 0
+    base_views: F32 | None = None

@@ -74,6 +74,8 @@ class EvidenceSettings:
         metallic_error: the same of metallic.
         normal_error: standard deviation of the turn of a normal about each of two axes, degrees; the turn is an unknown
             of the fit. 0 takes normals as they are.
+        lobe_error: error of the base colour that the plate alone gives, relative, where all light is specular.
+        sight_error: the same of the base colour that all views give.
         gain_error: standard deviation of a camera's gain in a channel, of its logarithm; 0 takes gains as they are.
         light_error: standard deviation of the smooth factor of the capture light; 0 takes the map as it is.
         independent: points that tell about gains and light as if they were independent; the others repeat them.
@@ -110,6 +112,8 @@ class EvidenceSettings:
     roughness_error: float = 0.23
     metallic_error: float = 0.6
     normal_error: float = 3.0
+    lobe_error: float = 0.2
+    sight_error: float = 0.05
     gain_error: float = 0.05
     light_error: float = 0.1
     independent: int = 25

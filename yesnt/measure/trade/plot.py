@@ -22,13 +22,14 @@ LEAST_ERROR = 1e-5
 
 def plot_svg(points: Sequence[Point]) -> str:
     """An SVG document; both axes are logarithmic, and a stage without points has no panel."""
+    of_stage = [[point for point in points if point.stage == stage] for stage in STAGES]
     panels = [
-        _panel(stage, of_stage) | {"x": (place % 2) * WIDTH, "y": (place // 2) * HEIGHT}
-        for place, stage in enumerate(STAGES)
-        if (of_stage := [point for point in points if point.stage == stage])
+        _panel(some[0].stage, some) | {"x": (place % 2) * WIDTH, "y": (place // 2) * HEIGHT}
+        for place, some in enumerate(filter(None, of_stage))
     ]
     edges = {"left": LEFT, "right": WIDTH - RIGHT, "top": TOP, "bottom": HEIGHT - BOTTOM}
-    return render("trade.svg.jinja", panels=panels, width=2 * WIDTH, height=2 * HEIGHT, **edges)
+    height = -(-len(panels) // 2) * HEIGHT
+    return render("trade.svg.jinja", panels=panels, width=2 * WIDTH, height=height, **edges)
 
 
 def _panel(stage: str, points: Sequence[Point]) -> dict[str, Any]:

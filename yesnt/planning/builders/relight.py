@@ -15,7 +15,7 @@ from yesnt.planning.builders.assemble import frame_keys, frame_node, node_fields
 from yesnt.planning.graph import Graph, Node
 from yesnt.planning.keyed_settings import changed_fields, changed_keys, picture_keys, shared
 from yesnt.planning.shot_plan import ShotPlan
-from yesnt.planning.stages import BAKE, GROUND, RELIGHT, SOLVE
+from yesnt.planning.stages import BAKE, EVIDENCE, GROUND, RELIGHT, SOLVE
 from yesnt.planning.task_records import RelightTask
 
 SURROUNDINGS = 3
@@ -28,11 +28,13 @@ def relight_nodes(plan: ShotPlan, graph: Graph) -> Iterator[Node]:
     shot, first = plan.job.shot, plan.job.frames[0]
     once = (*((GROUND,) if shot.built_in_set else ()), *((BAKE,) if shot.light.set else ()))
     of_shot = [graph.committer(stage, first) for stage in once]
+    of_frame = (SOLVE, EVIDENCE) if plan.base_from_views else (SOLVE,)
     for frame in plan.delivered:
         inputs = _frame_inputs(plan, frame) | probes
-        upstream = frame_keys(graph, frame, [SOLVE]) | node_keys(of_shot)
+        upstream = frame_keys(graph, frame, of_frame) | node_keys(of_shot)
         fields = node_fields(plan, RELIGHT, settings.of(frame), upstream, inputs=inputs)
-        yield frame_node(plan, RELIGHT, frame, fields, RelightTask(), [graph.committer(SOLVE, frame), *of_shot])
+        needs = [*(graph.committer(stage, frame) for stage in of_frame), *of_shot]
+        yield frame_node(plan, RELIGHT, frame, fields, RelightTask(plan.base_from_views), needs)
 
 
 class _SettingsByFrame:

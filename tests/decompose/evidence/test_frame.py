@@ -57,6 +57,16 @@ def test_eight_cameras_measure_what_the_model_cannot() -> None:
     assert (found.mean <= 1).all()
 
 
+def test_the_base_colour_by_all_views_is_the_paint_and_counts_on_metals() -> None:
+    given, truth = scene()
+    found, inside = measured(given)
+    well = inside & (found.views >= 4)
+    base, weight = found.base_views[..., :3], found.base_views[..., 3]
+    assert np.sqrt(np.square(base - truth.base)[well].mean()) < 0.045, "each pixel has its own"
+    assert weight[well & (truth.metallic > 0.5)].mean() > 0.8
+    assert weight[well & (truth.metallic < 0.5)].mean() < 0.4
+
+
 def test_more_cameras_tell_more() -> None:
     (few, truth), (many, _) = scene(4), scene(8)
     a, inside = measured(few)
@@ -98,6 +108,20 @@ def test_one_camera_and_uniform_light_leave_the_model_its_estimate() -> None:
     np.testing.assert_array_equal(found.mean[0][alone], given.surface.roughness[alone])
     np.testing.assert_array_equal(found.std[1][alone], given.spread[1][alone])
     assert error(found, truth, inside)[0] < 1.1 * guess_error(given, truth, inside)[0]
+
+
+def test_cameras_on_one_side_measure_that_side_and_leave_the_other_to_the_model() -> None:
+    sides = around(9)
+    given, truth = inputs(sides[sides[:, 0] > 0.25], smooth_light(0.8), SIZE)
+    found, inside = measured(given)
+    left = inside & (given.surface.normal[..., 0] < -0.75)
+    assert left.any()
+    assert (found.views[left] < 2).all()
+    np.testing.assert_array_equal(found.mean[1][left], given.surface.metallic[left])
+    right = inside & (given.surface.normal[..., 0] > 0.2)
+    assert found.views[right].mean() > 2
+    for wrong, guess in zip(error(found, truth, right), guess_error(given, truth, right), strict=True):
+        assert wrong < guess
 
 
 def test_a_capture_that_sees_nothing_of_the_plate_changes_nothing() -> None:

@@ -7,7 +7,9 @@ from tests.decompose.evidence.scenes import smooth_light
 from yesnt.decompose.evidence.mirrored import occluded_share
 from yesnt.decompose.evidence.nuisances import corrected_map, fit_nuisances
 from yesnt.decompose.evidence.records import Observations, Responses
+from yesnt.decompose.evidence.reference import best_base_color, linear_form
 from yesnt.decompose.evidence.settings import METALLIC, EvidenceSettings
+from yesnt.relight.brdf import alpha_ggx
 from yesnt.relight.harmonics import BANDS, TERMS, basis
 from yesnt.relight.proxy import OPEN
 
@@ -88,3 +90,55 @@ def test_the_share_of_the_subject_is_what_stands_where_the_view_is_mirrored_to(b
     hits[0, 0 if blocked == "mirror" else 1] = 7
     found = occluded_share(normal, towards, hits, (direction, np.ones(3, np.float32)), SETTINGS.sharpness)
     np.testing.assert_allclose(found, share, atol=1e-3)
+
+
+def test_the_share_of_the_subject_is_the_sum_over_the_clusters() -> None:
+    """Plain NumPy: the lobe exp(sharpness (w.l - 1)) about the mirrored view w, over all clusters and the occluded."""
+    rng = np.random.default_rng(5)
+    normal, towards = unit(rng, 30).astype(np.float32), unit(rng, 30).astype(np.float32)
+    direction = unit(rng, 40).astype(np.float32)
+    solid, hits = rng.uniform(0.1, 1, 40).astype(np.float32), rng.integers(-1, 2, (30, 40)).astype(np.int32)
+    mirror = 2 * (normal * towards).sum(1, keepdims=True) * normal - towards
+    lobe = solid * np.exp(20.0 * (mirror @ direction.T - 1))
+    expected = (lobe * (hits != OPEN)).sum(axis=1) / lobe.sum(axis=1)
+    found = occluded_share(normal, towards, hits, (np.ascontiguousarray(direction.T), solid), 20.0)
+    np.testing.assert_allclose(found, expected, rtol=1e-4)
+
+
+def test_projecting_the_base_colours_out_is_solving_for_all_unknowns_at_once() -> None:
+    """Least squares with a column for the base colour of every point and channel gives the same gains and light."""
+    light, gain = np.array([0, 0.1, -0.2, 0.15, 0, 0.1, -0.1, 0.05, 0.1]), np.full((VIEWS, 3), 1.03)
+    gain[::2] = 0.98
+    seen, of, (normal, towards), (cost, levels) = diffuse_case(light, gain)
+    few = slice(0, 40)
+    seen = Observations(*(a[few] for a in seen))
+    of = of._replace(**{n: getattr(of, n)[few] for n in ("diffuse", "dielectric", "metal_f0", "metal_f90", "missing")})
+    found = fit_nuisances(seen, of, (normal[few], towards[few]), (cost[few], levels), SETTINGS)
+    matrix, right = np.zeros((8 + 3 * VIEWS + 120,) * 2), np.zeros(8 + 3 * VIEWS + 120)
+    spread = SETTINGS.light_error * np.sqrt(4 * np.pi / 8)
+    np.fill_diagonal(matrix[:8, :8], 1 / spread**2)
+    np.fill_diagonal(matrix[8 : 8 + 3 * VIEWS, 8 : 8 + 3 * VIEWS], 1 / SETTINGS.gain_error**2)
+    band = np.repeat([0, 1, 2], [1, 3, 5])
+    alpha = alpha_ggx(np.array(levels[0]))
+    for p in range(40):
+        metal = p % 2
+        one = Observations(*(a[p : p + 1] for a in seen))
+        lobes = of._replace(**{n: getattr(of, n)[p : p + 1] for n in of._fields if n != "average"})
+        base = best_base_color(one, lobes, SETTINGS, 0, float(metal))
+        slope, offset = linear_form(lobes, base, 0, float(metal))
+        for v in range(VIEWS):
+            mirror = 2 * (normal[p] @ towards[p, v]) * normal[p] - towards[p, v]
+            blurred = basis(mirror) * np.exp(-(alpha**2) * band * (band + 1))
+            lit = blurred if metal else basis(normal[p]) * (np.array(BANDS) / BANDS[0])[band]
+            for k in range(3):
+                expected = base[0, k] * slope[0, v, k] + offset[0, v, k]
+                error = (seen.radiance[p, v, k] - expected) / seen.sigma[p, v, k]
+                weight = (SETTINGS.freedom + 1) / (SETTINGS.freedom + error**2) / float(seen.sigma[p, v, k]) ** 2
+                row = np.zeros(len(right))
+                row[:8], row[8 + k * VIEWS + v] = expected * lit[1:], expected
+                row[8 + 3 * VIEWS + 3 * p + k] = slope[0, v, k]
+                matrix += weight * np.outer(row, row)
+                right += weight * row * (seen.radiance[p, v, k] - expected)
+    whole = np.linalg.lstsq(matrix, right, rcond=None)[0]
+    np.testing.assert_allclose(found.light[1:], whole[:8], atol=2e-4)
+    np.testing.assert_allclose(found.gain, np.exp(whole[8 : 8 + 3 * VIEWS].reshape(3, VIEWS).T), atol=2e-4)

@@ -13,9 +13,11 @@ from typer.testing import CliRunner
 from tests.capture.recorded_shot import FIRST, SIDE, cameras, picture, place, write_recorded_shot, write_video
 from yesnt.capture import person
 from yesnt.cli.app import app
+from yesnt.core.camera import Camera
 from yesnt.core.errors import JobError, MissingPartError
 from yesnt.inspect.forecast import AWAITING_MATTES, forecast
 from yesnt.io.exr import read_planes
+from yesnt.io.jobfile import load_shot, parse_frames
 from yesnt.io.mesh import read_mesh
 from yesnt.runtime.control.share import run_shared
 from yesnt.runtime.run_options import RunOptions
@@ -95,6 +97,17 @@ def test_a_camera_that_is_late_is_named_with_its_offset(tmp_path: Path, monkeypa
     assert len(said) == 1
     assert "Camera c2 is out of sync: its silhouettes agree with the others' +1 frames later." in said[0]
     assert "add `c2: 1` to `capture.offsets`, on top of what stands there; `yesnt capture SHOT --sync 4`" in said[0]
+
+
+def test_the_example_of_the_documents_is_a_job() -> None:
+    folder = Path(__file__).parents[2] / "docs" / "examples" / "four-cameras"
+    shot = load_shot(folder / "shot.yaml")
+    assert shot.matted is not None
+    assert shot.capture is not None
+    assert shot.capture.mattes == "out/mattes/{camera}/matte.####.png"
+    Camera.open(folder / "camera.json").check(parse_frames(shot.frames, "frames"))
+    assert shot.light.path is not None
+    assert (folder / shot.light.path).is_file()
 
 
 def test_mattes_lie_in_the_pictures_of_lenses_that_distort(tmp_path: Path) -> None:

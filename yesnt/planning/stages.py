@@ -78,7 +78,7 @@ class Stage:
 
 _ROWS = (
     Stage(
-        "matte", 1, "frame; a camera's background", "pictures of the capture's cameras and their clean plates (only "
+        "matte", 2, "frame; a camera's background", "pictures of the capture's cameras and their clean plates (only "
         "jobs with `capture.matting`)",
         Cost(10.0, 0.0, 900, 0, 2), "#3f6f6a",
         {

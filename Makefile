@@ -19,7 +19,7 @@ demo: $(READY)  ## relight the embedded shot with two local workers, into demo/
 	$(BIN)/yesnt demo demo
 
 test: $(READY)  ## all tests of a default run (under 12 minutes on 2 cores)
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 test-slurm: $(READY)  ## runs through a real Slurm that the tests start (root; apt-get install slurm-wlm munge)
 	$(BIN)/python -m pytest -m slurm tests/slurm

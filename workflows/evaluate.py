@@ -43,7 +43,8 @@ def measured_graph(plan: EvalPlan) -> Graph:
     """The rows whose materials a capture measured; run after the jobs that measure them."""
     scored = [(name, frame) for frame in plan.frames for name, _ in plan.subject.maps]
     found = [plan.measured_score(name, frame) for name, frame in scored if frame in plan.scored_frames(name)]
-    return Graph([plan.measured_material(), *found])
+    videos = [plan.measured_video(name) for name, _ in plan.subject.maps if plan.has_video(name)]
+    return Graph([plan.measured_material(), *found, *videos])
 
 
 def fitted_graph(plan: EvalPlan) -> Graph:

@@ -17,6 +17,9 @@ SetOption = Annotated[str | None, typer.Option("--set", help="a set of the captu
 OutputOption = Annotated[Path | None, typer.Option(help="where results go (default: eval/SET)")]
 ShotsOption = Annotated[str | None, typer.Option(help="shots to evaluate, as vase,knot (default: all)")]
 MapsOption = Annotated[str | None, typer.Option(help="maps to evaluate, as city,studio (default: all)")]
+CaptureRowsOption = Annotated[
+    str | None, typer.Option(help="rows of shots with a capture, as cameras_8,cameras_8_all, or none (default: all)")
+]
 FramesOption = Annotated[int, typer.Option(min=1, help="most frames per shot on which every row is scored")]
 ProbesOption = Annotated[
     int, typer.Option(min=1, help="maps per shot for the term-by-term rows and the search of constants")
@@ -44,6 +47,7 @@ def evaluate(
     output: OutputOption = None,
     shots: ShotsOption = None,
     maps: MapsOption = None,
+    capture_rows: CaptureRowsOption = None,
     frames: FramesOption = 3,
     probes: ProbesOption = 3,
     samples: SamplesOption = None,
@@ -61,7 +65,7 @@ def evaluate(
 
     options = EvalOptions(
         shots=_names(shots), maps=_names(maps), thorough=frames, probes=probes, samples=samples, weights=weights,
-        quality=quality, lpips=lpips,
+        quality=quality, lpips=lpips, capture_rows=() if capture_rows == "none" else _names(capture_rows),
         fit_knobs=None if fit_steps is None else {"steps": fit_steps}, workers=workers, cluster=cluster,
     )  # fmt: skip
     source = _source(folder, set_name)

@@ -1,6 +1,7 @@
 """Rows whose materials a capture measures, and the errors that are put into its inputs."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,16 +12,22 @@ from tests.measure.evaluation.conftest import FRAMES, SIDE, maps, rgb, write_sho
 from yesnt.capture_stage.rigs import pose_on_sphere
 from yesnt.core.camera import Camera
 from yesnt.core.capture_input import EvidenceInput
+from yesnt.core.errors import UsageError
 from yesnt.io.exr import write_exr
 from yesnt.io.jobfile import load_shot
 from yesnt.io.pictures.image import read_image
+from yesnt.io.shot_inputs import read_matte
+from yesnt.io.store import FrameStore
 from yesnt.measure.evaluation.evidence_rows import EVIDENCE_ROWS, MEASURED, InputErrors
 from yesnt.measure.evaluation.run import EvalOptions, open_plan, run_evaluation
 from yesnt.measure.evaluation.spoilt_inputs import smooth_factor, spoilt, turned_normals
 from yesnt.measure.evaluation.subjects import find_subjects
 from yesnt.measure.evaluation.table import tables
+from yesnt.metrics.score import Truth, score_briefly
+from yesnt.planning.stages import RELIGHT
 from yesnt.relight import EnvMap, GBuffer, RelightSettings, shade
 from yesnt.runtime.session import Session
+from yesnt.tasks.run import run_node
 
 OPTIONS = EvalOptions(workers=0, probes=1, thorough=1, maps=("noon",))
 WAYS = ((-40, 12), (35, 40), (20, -30), (-25, -20))
@@ -107,6 +114,40 @@ def test_the_table_puts_the_rows_between_full_and_true_materials(measured):
         "Full", "No Decomposition, constant per shot", "Full with 1 camera", "Full with 2 cameras",
         "Full with 4 cameras", "Full with true materials",
     ]  # fmt: skip
+
+
+def test_the_video_of_the_row_of_most_cameras_is_measured(measured):
+    document = measured[2].document
+    video = document["video"]["videos"]["ball / noon"]
+    assert set(video) == {"unregularised", "full", "truth", "cameras_4"}
+    of_frame = document["cells"]["cameras_4"]["ball / noon"]["psnr"]
+    assert video["cameras_4"]["psnr_frames"] == pytest.approx(of_frame, abs=1.5)
+    table = next(t for t in tables(document) if t.title == "Videos")
+    assert [line[0] for line in table.lines][-2:] == ["Full with 4 cameras", "the truth itself"]
+
+
+def test_a_row_is_what_the_product_delivers(measured):
+    """With the base colour that the cameras tell, as `yesnt run` takes it."""
+    session = Session(measured[1] / "shots" / "ball" / "cameras_4")
+    plan, graph, job, number = session.plan(), session.graph(), session.job, FRAMES[0]
+    assert plan.base_from_views
+    FrameStore.create(session.output.store, plan.arrays(), job.frames, job.height, job.width)
+    run_node(job, next(node for node in graph if node.stage == RELIGHT and node.frames == (number,)))
+    store, made = FrameStore(session.output.store), session.book.find("relight", number).arrays
+    lit = sum(store.read(name, 0, made[name]) for name in ("diffuse", "specular")).transpose(1, 2, 0)
+    truth = Truth.of(*find_subjects(measured[0])[0].read_relit("noon", number), read_matte(job, number))
+    found = {metric.name: metric.value for metric in score_briefly(lit, truth)}
+    assert measured[2].document["cells"]["cameras_4"]["ball / noon"] == pytest.approx(found)
+
+
+def test_rows_can_be_chosen(measured):
+    folder, output, _ = measured
+    subject = find_subjects(folder)[0]
+    chosen = open_plan(subject, output / "chosen", replace(OPTIONS, capture_rows=("cameras_2",))).measured
+    assert list(chosen) == ["cameras_2"]
+    assert not open_plan(subject, output / "none", replace(OPTIONS, capture_rows=())).measured
+    with pytest.raises(UsageError, match=r"There is no row cameras_3 of shots with a capture\. Expected: cameras_1, "):
+        open_plan(subject, output / "wrong", replace(OPTIONS, capture_rows=("cameras_3",)))
 
 
 def test_a_second_evaluation_measures_nothing_again(measured):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -75,3 +76,8 @@ EVIDENCE_ROWS = MappingProxyType(
     {row.name: row for row in (*map(_of_count, COUNTS), *(_of_errors(n, what) for n, (what, _) in _ERRORS.items()))}
 )
 """Rows of shots that have a capture."""
+
+
+def video_row(rows: Iterable[str]) -> str:
+    """Of these rows the one of most cameras whose inputs have no errors: its videos are measured."""
+    return max((row for row in rows if MEASURED[row].errors == InputErrors()), key=lambda row: MEASURED[row].cameras)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from yesnt.core.errors import UsageError
 from yesnt.core.shot import Shot
 from yesnt.io.cameras import read_cameras
 from yesnt.io.durable import write_bytes
@@ -22,21 +23,30 @@ JOB = "measured.yaml"
 """Job file of a shot with a capture, if its `shot.yaml` has none."""
 
 
-def measured_sessions(subject: Subject, home: Path, absolute: Callable[[Shot], dict[str, Any]]) -> dict[str, Session]:
+def measured_sessions(
+    subject: Subject, home: Path, absolute: Callable[[Shot], dict[str, Any]], wanted: Collection[str] | None = None
+) -> dict[str, Session]:
     """A session for every row whose cameras there are; none for a shot without a capture.
 
     Args:
         subject: the shot.
         home: folder of its evaluation.
         absolute: the shot with absolute paths, as a document.
+        wanted: names of rows; None: all.
+
+    Raises:
+        UsageError: there is no such row.
     """
+    for name in wanted or ():
+        if name not in MEASURED:
+            raise UsageError(f"There is no row {name} of shots with a capture. Expected: {', '.join(MEASURED)}.")
     shot = load_shot(_job_file(subject))
     if shot.capture is None:
         return {}
     document, count = absolute(shot), len(read_cameras(subject.folder / shot.capture.cameras))
     sessions = {}
     for row, measured in MEASURED.items():
-        if measured.cameras <= count:
+        if measured.cameras <= count and (wanted is None or row in wanted):
             evidence = {"use": True, "cameras": measured.cameras, "every": shot.evidence.every}
             folder = home / row
             folder.mkdir(parents=True, exist_ok=True)

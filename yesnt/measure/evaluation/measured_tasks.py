@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,8 +13,9 @@ from yesnt.core.shot import Job
 from yesnt.core.stage_id import StageId
 from yesnt.io import shot_inputs
 from yesnt.measure.evaluation.evidence_rows import EVIDENCE_ROWS
-from yesnt.measure.evaluation.scene import SceneKey, open_scene
-from yesnt.measure.evaluation.task_records import MeasuredMaterialTask, MeasuredScoreTask
+from yesnt.measure.evaluation.scene import Scene, SceneKey, open_scene
+from yesnt.measure.evaluation.sequence_tasks import video_numbers
+from yesnt.measure.evaluation.task_records import MeasuredMaterialTask, MeasuredScoreTask, MeasuredVideoTask
 from yesnt.metrics.material import measure_material
 from yesnt.metrics.score import SOLID, Truth, score_briefly
 from yesnt.planning.stages import EVIDENCE, SOLVE
@@ -32,10 +35,31 @@ def score_measured(space: Workspace[MeasuredScoreTask]) -> None:
     with space.kernel():
         for name, job in task.jobs.items():
             other: Workspace[Any] = Workspace(job, space.node)
-            planes = other.read(SOLVE, "material", frame)
-            found = score_briefly(scene.relit(EVIDENCE_ROWS[name], planes, env), truth)
+            found = score_briefly(_relit(scene, name, other, env, name in task.base_from_views), truth)
             rows[name] = {metric.name: metric.value for metric in found}
     space.commit(frame, {}, facts={"rows": rows, "separation": {}})
+
+
+def measured_video(space: Workspace[MeasuredVideoTask]) -> None:
+    """Relights every frame of a row under one map and measures the video; relighting gets the true inputs."""
+    task, env = space.task, space.task.subject.env_path(space.task.map)
+    other: Workspace[Any] = Workspace(task.measured, space.node)
+
+    def pictures() -> Iterator[F32]:
+        for frame in space.job.frames:
+            scene = open_scene(SceneKey(task.shots[frame], frame, 1, space.job))
+            yield _relit(scene, task.row, other, env, task.base_from_views)
+
+    with space.kernel():
+        numbers = video_numbers(space, {task.row: pictures()})
+    space.commit(space.frame, {}, facts={"video": numbers})
+
+
+def _relit(scene: Scene, row: str, measured: Workspace[Any], env: Path, base_from_views: bool) -> F32:
+    """Straight radiance [H, W, 3] of a row, with the base colour that the product would take."""
+    planes = measured.read(SOLVE, "material", scene.frame)
+    views = measured.read(EVIDENCE, "base_views", scene.frame).transpose(1, 2, 0) if base_from_views else None
+    return scene.relit(EVIDENCE_ROWS[row], planes, env, base_views=views)
 
 
 def measured_material(space: Workspace[MeasuredMaterialTask]) -> None:

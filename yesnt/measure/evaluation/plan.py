@@ -14,6 +14,7 @@ from yesnt.core.shot import Job
 from yesnt.core.stage_id import StageId
 from yesnt.io.file_digests import file_digest, file_identity
 from yesnt.io.records import digest_of
+from yesnt.measure.evaluation.evidence_rows import video_row
 from yesnt.measure.evaluation.nets import stlpips_weights
 from yesnt.measure.evaluation.rows import ROWS, TRUE_SOLVES, Row
 from yesnt.measure.evaluation.scorer import (
@@ -30,6 +31,7 @@ from yesnt.measure.evaluation.task_records import (
     MaterialTask,
     MeasuredMaterialTask,
     MeasuredScoreTask,
+    MeasuredVideoTask,
     ScoreTask,
     SearchTask,
     SubjectTask,
@@ -223,8 +225,9 @@ class EvalPlan:
 
     def measured_score(self, name: str, frame: int) -> Node:
         """Scores the rows whose materials a capture measured."""
-        task = MeasuredScoreTask(self.subject, name, self._shot_digest(frame), self._measured_jobs)
-        settings = self._relighting() | {"materials": self._measured_keys((frame,))}
+        views = self._base_from_views
+        task = MeasuredScoreTask(self.subject, name, self._shot_digest(frame), self._measured_jobs, views)
+        settings = self._relighting() | {"materials": self._measured_keys((frame,)), "base_from_views": views}
         inputs = self._picture_files(name, frame)
         return self._node(StageId("measured", part=name), (frame,), settings, inputs, [], Graph(), task)
 
@@ -234,6 +237,18 @@ class EvalPlan:
         settings = {"materials": self._measured_keys(self.frames)}
         inputs = self._truth_files() | self._shot_files(self.frames)
         return self._node(MEASURED_MATERIAL, self.frames[:1], settings, inputs, [], Graph(), task)
+
+    def measured_video(self, name: str) -> Node:
+        """Measures the video of the row of most cameras."""
+        row = video_row(self.measured)
+        views, keys = row in self._base_from_views, self._measured_keys(self.frames)
+        shots = {frame: self._shot_digest(frame) for frame in self.frames}
+        task = MeasuredVideoTask(self.subject, name, row, shots, self.measured[row].job, views)
+        settings = self._relighting() | {"materials": keys[row], "base_from_views": views, "nets": self._nets()}
+        inputs = self._truth_files() | self._shot_files(self.frames) | {"env": _digest(self.subject.env_path(name))}
+        inputs |= {f"relit {frame}": _digest(self.subject.relit_path(name, frame)) for frame in self.frames}
+        stage = StageId("measured_video", part=name)
+        return self._node(stage, self.frames[:1], settings, inputs, [], Graph(), task)
 
     def fitted_score(self, name: str, frame: int) -> Node:
         """Scores the rows whose geometry is fitted."""
@@ -245,6 +260,11 @@ class EvalPlan:
         settings = self._relighting() | {"materials": made, "geometry": geometry}
         inputs = self._picture_files(name, frame)
         return self._node(StageId("fitted", part=name), (frame,), settings, inputs, [], Graph(), task)
+
+    @cached_property
+    def _base_from_views(self) -> tuple[str, ...]:
+        """Rows whose base colour the capture's cameras tell too."""
+        return tuple(row for row, session in self.measured.items() if session.plan().base_from_views)
 
     @property
     def _measured_jobs(self) -> dict[str, Job]:

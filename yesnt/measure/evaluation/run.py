@@ -52,6 +52,7 @@ class EvalOptions:
     Attributes:
         shots: names of the shots to evaluate; None: all that have truth.
         maps: names of the maps to evaluate; None: all that have truth.
+        capture_rows: names of the rows that shots with a capture get; None: all that it has the cameras for.
         thorough: largest number of frames per shot on which every row is scored.
         probes: largest number of maps per shot for the term-by-term rows and the search of constants.
         samples: members of the ensemble; None: as the shots say.
@@ -65,6 +66,7 @@ class EvalOptions:
 
     shots: tuple[str, ...] | None = None
     maps: tuple[str, ...] | None = None
+    capture_rows: tuple[str, ...] | None = None
     thorough: int = 3
     probes: int = 3
     samples: int | None = None
@@ -196,7 +198,7 @@ def open_plan(subject: Subject, output: Path, options: EvalOptions) -> EvalPlan:
     with_capture = partial(_absolute, subject=subject, options=options, measured=True)
     knobs = options.fit_knobs
     fitted = None if knobs is None else fitted_session(subject, home, with_capture, knobs)
-    return replace(plan, measured=measured_sessions(subject, home, with_capture), fitted=fitted)
+    return replace(plan, measured=measured_sessions(subject, home, with_capture, options.capture_rows), fitted=fitted)
 
 
 def _absolute(shot: Shot, subject: Subject, options: EvalOptions, measured: bool = False) -> dict[str, Any]:

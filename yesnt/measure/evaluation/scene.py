@@ -79,7 +79,9 @@ class Scene:
         """Coverage [H, W] of the pixels that are shaded."""
         return self._inputs.plate.matte
 
-    def relit(self, row: Row, planes: F32, env: Path, true_base: F32 | None = None) -> F32:
+    def relit(
+        self, row: Row, planes: F32, env: Path, true_base: F32 | None = None, base_views: F32 | None = None
+    ) -> F32:
         """Straight radiance [H, W, 3] of a row.
 
         Args:
@@ -87,15 +89,17 @@ class Scene:
             planes: [2, H, W] roughness and metallic.
             env: file of the light, in Blender's convention.
             true_base: [H, W, 3] base colour, for rows that are given it.
+            base_views: [H, W, 4] base colour by other views and its weight against the plate's; None: the plate's.
         """
         settings = dataclasses.replace(of.relight_settings(self.job.shot), **row.knobs)
         inputs = self._inputs if row.proxy else dataclasses.replace(self._inputs, proxy=None)
         light = _new_light(env, file_digest(env), settings)
         # The light that relights has no part in the base colour, so all maps share what the first one found.
-        key = (row.proxy, _digest(planes), dataclasses.replace(settings, texels=1, clusters=1))
+        told = None if base_views is None else _digest(base_views)
+        key = (row.proxy, _digest(planes), told, dataclasses.replace(settings, texels=1, clusters=1))
         base = true_base if row.true_base else self._known_base(key)
         captured = captured_light(self._lights, inputs.surface(planes), settings) if base is None else None
-        relit = relight(inputs, planes, (light, captured), settings, base)
+        relit = relight(inputs, planes, (light, captured), settings, base, base_views=base_views)
         if not row.true_base:
             self._bases[key] = relit.base_color[self.matte > 0]
         return relit.radiance

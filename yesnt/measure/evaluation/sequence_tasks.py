@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -109,29 +109,45 @@ def _material_strip(space: Workspace[Any], subject: Subject) -> dict[str, str]:
 
 def video(space: Workspace[VideoTask]) -> None:
     """Measures the relit videos of one map, with and without temporal regularisation."""
-    job, first = space.job, space.frame
-    subject, name = space.task.subject, space.task.map
+    stage = StageId("score", part=space.task.map)
+
+    def pictures(row: str) -> Iterator[F32]:
+        return (space.read(stage, f"relit.{row}", frame).transpose(1, 2, 0) for frame in space.job.frames)
+
+    with space.kernel():
+        facts = video_numbers(space, {row: pictures(row) for row in VIDEO_ROWS}, of_truth=True)
+    space.commit(space.frame, {}, facts={"video": facts})
+
+
+def video_numbers(
+    space: Workspace[Any], pictures: Mapping[str, Iterable[F32]], of_truth: bool = False
+) -> dict[str, dict[str, float]]:
+    """Metrics of videos under the map of a task, by row.
+
+    Args:
+        space: of a task with a subject and a map.
+        pictures: straight radiance [H, W, 3] of every frame, by row.
+        of_truth: whether the true video is measured too.
+    """
+    job, subject, name = space.job, space.task.subject, space.task.map
     truths = [_truth(space, subject, name, frame) for frame in job.frames]
     matte = np.stack([truth.inside for truth in truths])
     true = np.stack([truth.display for truth in truths])
     nets = open_nets(None)[:1]
     links = _true_links(space, subject) if subject.has_flow(job.frames) else None
-    facts: dict[str, Any] = {}
-    with space.kernel():
-        lengths = [path_length(true, net) for net in nets]
-        for row in VIDEO_ROWS:
-            pictures = (
-                space.read(StageId("score", part=name), f"relit.{row}", f).transpose(1, 2, 0) for f in job.frames
-            )
-            shown = np.stack([truth.shown(picture) for truth, picture in zip(truths, pictures, strict=True)])
-            numbers = _video_numbers(shown, true, matte, links)
-            for net, length in zip(nets, lengths, strict=True):
-                numbers += measure_lengths(path_length(shown, net), length)
-            facts[row] = _as_dict(numbers)
+    lengths = [path_length(true, net) for net in nets]
+    facts: dict[str, dict[str, float]] = {}
+    for row, frames in pictures.items():
+        shown = np.stack([truth.shown(picture) for truth, picture in zip(truths, frames, strict=True)])
+        numbers = _video_numbers(shown, true, matte, links)
+        for net, length in zip(nets, lengths, strict=True):
+            numbers += measure_lengths(path_length(shown, net), length)
+        facts[row] = _as_dict(numbers)
+    if of_truth:
         facts["truth"] = _as_dict(_video_numbers(true, true, matte, links))
         for length in lengths:
             facts["truth"]["ppl"] = float(length.mean())
-    space.commit(first, {}, facts={"video": facts})
+    return facts
 
 
 def _truth(space: Workspace[Any], subject: Subject, name: str, frame: int) -> Truth:

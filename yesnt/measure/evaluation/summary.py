@@ -19,6 +19,7 @@ from yesnt.measure.evaluation.unmodelled import unmodelled_effects
 from yesnt.metrics.definitions import DEFINITIONS
 from yesnt.metrics.image import decibels
 
+_VIDEO_ROWS = ("unregularised", "full", "truth")
 _SCORES = ("independent", "reference", "score", "ablation", "constant", "measured")
 """Stages whose records hold scores of rows; "fitted" too where a field was fitted."""
 
@@ -193,12 +194,15 @@ def _video(plans: Sequence[EvalPlan]) -> dict[str, Any]:
     """Metrics of videos by "shot / map", and over all of them."""
     videos: dict[str, Any] = {}
     for plan in plans:
+        stages = ("video", "measured_video") if plan.measured else ("video",)
         for name, _ in plan.subject.maps:
-            record = plan.session.book.find(StageId("video", part=name), plan.frames[0])
-            if record is not None and plan.has_video(name):
-                videos[f"{plan.subject.name} / {name}"] = record.facts["video"]
-    rows = ("unregularised", "full", "truth")
-    return {"videos": videos, "mean": {row: _spreads([video[row] for video in videos.values()]) for row in rows}}
+            for stage in stages:
+                record = plan.session.book.find(StageId(stage, part=name), plan.frames[0])
+                if record is not None and plan.has_video(name):
+                    videos.setdefault(f"{plan.subject.name} / {name}", {}).update(record.facts["video"])
+    rows = dict.fromkeys((*_VIDEO_ROWS, *(row for video in videos.values() for row in video)))
+    found = {row: [video[row] for video in videos.values() if row in video] for row in rows}
+    return {"videos": videos, "mean": {row: _spreads(columns) for row, columns in found.items()}}
 
 
 def _spreads(columns: Sequence[Mapping[str, float]]) -> dict[str, dict[str, float]]:

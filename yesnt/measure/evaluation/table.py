@@ -8,6 +8,7 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any
 
+from yesnt.measure.evaluation.evidence_rows import EVIDENCE_ROWS
 from yesnt.measure.evaluation.fitted_rows import COUNTERPARTS
 from yesnt.measure.evaluation.margins import PAPER, PAPER_VIDEO
 from yesnt.metrics.definitions import DEFINITIONS
@@ -189,8 +190,10 @@ def _separation(document: Mapping[str, Any]) -> Table:
 
 
 def _video(document: Mapping[str, Any]) -> Table:
-    titles = {"unregularised": "without temporal regularisation", "full": "Full", "truth": "the truth itself"}
     mean = document["video"]["mean"]
+    measured = {name: row.title for name, row in EVIDENCE_ROWS.items() if name in mean}
+    titles = {"unregularised": "without temporal regularisation", "full": "Full"} | measured
+    titles["truth"] = "the truth itself"
     metrics = [m for m in VIDEO if any(m in mean[row] for row in titles)]
     lines = [
         (

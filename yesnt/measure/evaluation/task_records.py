@@ -99,10 +99,29 @@ class MeasuredScoreTask(MapTask):
     Attributes:
         shot: as in `SearchTask`.
         jobs: as in `MeasuredMaterialTask`.
+        base_from_views: rows whose base colour the capture's cameras tell too.
     """
 
     shot: str
     jobs: Mapping[str, Job]
+    base_from_views: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class MeasuredVideoTask(MapTask):
+    """Measures the video of a row whose materials a capture measured.
+
+    Attributes:
+        row: its name.
+        shots: frame -> as in `SearchTask`.
+        measured: the job whose output holds the materials.
+        base_from_views: whether the capture's cameras tell of the base colour too.
+    """
+
+    row: str
+    shots: Mapping[int, str]
+    measured: Job
+    base_from_views: bool
 
 
 @dataclass(frozen=True)

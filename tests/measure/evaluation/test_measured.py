@@ -126,6 +126,13 @@ def test_the_video_of_the_row_of_most_cameras_is_measured(measured):
     assert [line[0] for line in table.lines][-2:] == ["Full with 4 cameras", "the truth itself"]
 
 
+def test_the_page_shows_what_the_cameras_make_of_it_before_full(measured):
+    worst = measured[2].document["worst"]
+    assert [(one["cell"], one["row"]) for one in worst] == [("ball / noon", "cameras_4"), ("ball / noon", "full")]
+    assert all((measured[1] / one["picture"]).is_file() for one in worst)
+    assert "(Full with 4 cameras)" in measured[2].page.read_text()
+
+
 def test_a_row_is_what_the_product_delivers(measured):
     """With the base colour that the cameras tell, as `yesnt run` takes it."""
     session = Session(measured[1] / "shots" / "ball" / "cameras_4")

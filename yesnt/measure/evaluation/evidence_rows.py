@@ -78,6 +78,6 @@ EVIDENCE_ROWS = MappingProxyType(
 """Rows of shots that have a capture."""
 
 
-def video_row(rows: Iterable[str]) -> str:
-    """Of these rows the one of most cameras whose inputs have no errors: its videos are measured."""
+def shown_row(rows: Iterable[str]) -> str:
+    """Of these rows the one of most cameras whose inputs have no errors: it is shown, its videos measured."""
     return max((row for row in rows if MEASURED[row].errors == InputErrors()), key=lambda row: MEASURED[row].cameras)

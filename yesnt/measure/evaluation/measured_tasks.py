@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from yesnt.core.shot import Job
 from yesnt.core.stage_id import StageId
 from yesnt.io import shot_inputs
+from yesnt.io.file_digests import file_digest
 from yesnt.measure.evaluation.evidence_rows import EVIDENCE_ROWS
+from yesnt.measure.evaluation.pictures import strip_name, write_strip
 from yesnt.measure.evaluation.scene import Scene, SceneKey, open_scene
 from yesnt.measure.evaluation.sequence_tasks import video_numbers
 from yesnt.measure.evaluation.task_records import MeasuredMaterialTask, MeasuredScoreTask, MeasuredVideoTask
@@ -31,13 +33,17 @@ def score_measured(space: Workspace[MeasuredScoreTask]) -> None:
     task, frame = space.task, space.frame
     scene = open_scene(SceneKey(task.shot, frame, 1, space.job))
     truth = Truth.of(*task.subject.read_relit(task.map, frame), scene.plate.matte)
-    env, rows = task.subject.env_path(task.map), {}
+    env, rows, files = task.subject.env_path(task.map), {}, {}
     with space.kernel():
         for name, job in task.jobs.items():
             other: Workspace[Any] = Workspace(job, space.node)
-            found = score_briefly(_relit(scene, name, other, env, name in task.base_from_views), truth)
-            rows[name] = {metric.name: metric.value for metric in found}
-    space.commit(frame, {}, facts={"rows": rows, "separation": {}})
+            picture = _relit(scene, name, other, env, name in task.base_from_views)
+            rows[name] = {metric.name: metric.value for metric in score_briefly(picture, truth)}
+            if name == task.strip:
+                path = space.output.root / "pictures" / strip_name(task.map, frame, name)
+                write_strip(path, scene.plate.color, picture, None, truth)
+                files[str(path.relative_to(space.output.root))] = file_digest(path)
+    space.commit(frame, {}, files, {"rows": rows, "separation": {}})
 
 
 def measured_video(space: Workspace[MeasuredVideoTask]) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 
 from yesnt.io.durable import write_bytes
 from yesnt.io.templates import render
+from yesnt.measure.evaluation.evidence_rows import EVIDENCE_ROWS
 from yesnt.measure.evaluation.pictures import MATERIAL_PANELS, PANELS
 from yesnt.measure.evaluation.sequence_tasks import MATERIAL_STRIP, PLANES
 from yesnt.measure.evaluation.table import headline, number, tables, title
@@ -100,7 +101,14 @@ def _figure(one: Mapping[str, Any], document: Mapping[str, Any], output: Path) -
     numbers = tuple(
         Number(name, document["definitions"][name], number(name, values[name])) for name in _BESIDE if name in values
     )
-    return Figure(one["cell"], _base64(picture), numbers, " (true materials)" if one["row"] == "full_true" else "")
+    return Figure(one["cell"], _base64(picture), numbers, _remark(one["row"]))
+
+
+def _remark(row: str) -> str:
+    """What a picture shows that is not Full."""
+    if row in EVIDENCE_ROWS:
+        return f" ({EVIDENCE_ROWS[row].title})"
+    return " (true materials)" if row == "full_true" else ""
 
 
 def _material_figures(document: Mapping[str, Any], output: Path) -> Iterable[Figure]:

@@ -14,7 +14,7 @@ from yesnt.core.shot import Job
 from yesnt.core.stage_id import StageId
 from yesnt.io.file_digests import file_digest, file_identity
 from yesnt.io.records import digest_of
-from yesnt.measure.evaluation.evidence_rows import video_row
+from yesnt.measure.evaluation.evidence_rows import shown_row
 from yesnt.measure.evaluation.nets import stlpips_weights
 from yesnt.measure.evaluation.rows import ROWS, TRUE_SOLVES, Row
 from yesnt.measure.evaluation.scorer import (
@@ -225,9 +225,10 @@ class EvalPlan:
 
     def measured_score(self, name: str, frame: int) -> Node:
         """Scores the rows whose materials a capture measured."""
-        views = self._base_from_views
-        task = MeasuredScoreTask(self.subject, name, self._shot_digest(frame), self._measured_jobs, views)
-        settings = self._relighting() | {"materials": self._measured_keys((frame,)), "base_from_views": views}
+        views, strip = self._base_from_views, shown_row(self.measured) if frame == self.page_frame(name) else ""
+        task = MeasuredScoreTask(self.subject, name, self._shot_digest(frame), self._measured_jobs, views, strip)
+        settings = self._relighting() | {"materials": self._measured_keys((frame,))}
+        settings |= {"base_from_views": views, "strip": strip}
         inputs = self._picture_files(name, frame)
         return self._node(StageId("measured", part=name), (frame,), settings, inputs, [], Graph(), task)
 
@@ -240,7 +241,7 @@ class EvalPlan:
 
     def measured_video(self, name: str) -> Node:
         """Measures the video of the row of most cameras."""
-        row = video_row(self.measured)
+        row = shown_row(self.measured)
         views, keys = row in self._base_from_views, self._measured_keys(self.frames)
         shots = {frame: self._shot_digest(frame) for frame in self.frames}
         task = MeasuredVideoTask(self.subject, name, row, shots, self.measured[row].job, views)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from yesnt.core.stage_id import StageId
-from yesnt.measure.evaluation.evidence_rows import EVIDENCE_ROWS
+from yesnt.measure.evaluation.evidence_rows import EVIDENCE_ROWS, shown_row
 from yesnt.measure.evaluation.fitted_rows import FITTED_ROWS
 from yesnt.measure.evaluation.margins import margins
 from yesnt.measure.evaluation.pictures import strip_name
@@ -68,7 +68,7 @@ def _cells(plans: Sequence[EvalPlan]) -> Cells:
                     rows.setdefault(row, []).extend([numbers] if numbers else [])
             for row, frames in rows.items():
                 if frames:
-                    cells.setdefault(row, {})[f"{plan.subject.name} / {name}"] = _mean(frames)
+                    cells.setdefault(row, {})[_cell(plan, name)] = _mean(frames)
     return cells
 
 
@@ -199,7 +199,7 @@ def _video(plans: Sequence[EvalPlan]) -> dict[str, Any]:
             for stage in stages:
                 record = plan.session.book.find(StageId(stage, part=name), plan.frames[0])
                 if record is not None and plan.has_video(name):
-                    videos.setdefault(f"{plan.subject.name} / {name}", {}).update(record.facts["video"])
+                    videos.setdefault(_cell(plan, name), {}).update(record.facts["video"])
     rows = dict.fromkeys((*_VIDEO_ROWS, *(row for video in videos.values() for row in video)))
     found = {row: [video[row] for video in videos.values() if row in video] for row in rows}
     return {"videos": videos, "mean": {row: _spreads(columns) for row, columns in found.items()}}
@@ -211,16 +211,29 @@ def _spreads(columns: Sequence[Mapping[str, float]]) -> dict[str, dict[str, floa
 
 
 def _worst(plans: Sequence[EvalPlan], cells: Cells) -> list[dict[str, Any]]:
-    """Every shot and map with its strip, lowest PSNR first: of Full, or of Full with true materials if that is all."""
+    """Every shot and map with its strips, lowest PSNR first: of Full, or of Full with true materials if that is all.
+
+    A shot with a capture is sorted by what its cameras make of it; the strip of Full follows.
+    """
     shown = "full" if cells.get("full") else "full_true"
     found = []
     for plan in plans:
+        rows = (shown_row(plan.measured), shown) if plan.measured else (shown,)
         for name, _ in plan.subject.maps:
-            cell = f"{plan.subject.name} / {name}"
-            if cell in cells.get(shown, {}):
-                strip = f"shots/{plan.subject.name}/out/pictures/{strip_name(name, plan.page_frame(name), shown)}"
-                found.append({"cell": cell, "row": shown, "picture": strip, "psnr": cells[shown][cell]["psnr"]})
-    return sorted(found, key=lambda one: one["psnr"])
+            strips = [_strip(plan, name, row, cells) for row in rows if _cell(plan, name) in cells.get(row, {})]
+            found += [strips] if strips else []
+    return [strip for strips in sorted(found, key=lambda strips: strips[0]["psnr"]) for strip in strips]
+
+
+def _strip(plan: EvalPlan, name: str, row: str, cells: Cells) -> dict[str, Any]:
+    picture = f"shots/{plan.subject.name}/out/pictures/{strip_name(name, plan.page_frame(name), row)}"
+    cell = _cell(plan, name)
+    return {"cell": cell, "row": row, "picture": picture, "psnr": cells[row][cell]["psnr"]}
+
+
+def _cell(plan: EvalPlan, name: str) -> str:
+    """Name of a shot under a map, as `cells` has it."""
+    return f"{plan.subject.name} / {name}"
 
 
 def _finite(value: Any) -> Any:

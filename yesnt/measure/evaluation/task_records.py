@@ -100,11 +100,13 @@ class MeasuredScoreTask(MapTask):
         shot: as in `SearchTask`.
         jobs: as in `MeasuredMaterialTask`.
         base_from_views: rows whose base colour the capture's cameras tell too.
+        strip: the row whose picture is written for the page; "": none.
     """
 
     shot: str
     jobs: Mapping[str, Job]
     base_from_views: tuple[str, ...]
+    strip: str
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,10 @@ CaptureRowsOption = Annotated[
     str | None, typer.Option(help="rows of shots with a capture, as cameras_8,cameras_8_all, or none (default: all)")
 ]
 FramesOption = Annotated[int, typer.Option(min=1, help="most frames per shot on which every row is scored")]
+AtOption = Annotated[
+    str | None,
+    typer.Option("--at", metavar="FRAMES", help="score every row on these frames, as 1003,1012"),
+]
 ProbesOption = Annotated[
     int, typer.Option(min=1, help="maps per shot for the term-by-term rows and the search of constants")
 ]
@@ -49,6 +53,7 @@ def evaluate(
     maps: MapsOption = None,
     capture_rows: CaptureRowsOption = None,
     frames: FramesOption = 3,
+    at: AtOption = None,
     probes: ProbesOption = 3,
     samples: SamplesOption = None,
     weights: WeightsOption = None,
@@ -64,8 +69,9 @@ def evaluate(
     from yesnt.measure.evaluation.table import as_markdown
 
     options = EvalOptions(
-        shots=_names(shots), maps=_names(maps), thorough=frames, probes=probes, samples=samples, weights=weights,
-        quality=quality, lpips=lpips, capture_rows=() if capture_rows == "none" else _names(capture_rows),
+        shots=_names(shots), maps=_names(maps), thorough=frames, chosen=at, probes=probes, samples=samples,
+        weights=weights, quality=quality, lpips=lpips,
+        capture_rows=() if capture_rows == "none" else _names(capture_rows),
         fit_knobs=None if fit_steps is None else {"steps": fit_steps}, workers=workers, cluster=cluster,
     )  # fmt: skip
     source = _source(folder, set_name)

@@ -153,8 +153,18 @@ def test_rows_can_be_chosen(measured):
     chosen = open_plan(subject, output / "chosen", replace(OPTIONS, capture_rows=("cameras_2",))).measured
     assert list(chosen) == ["cameras_2"]
     assert not open_plan(subject, output / "none", replace(OPTIONS, capture_rows=())).measured
-    with pytest.raises(UsageError, match=r"There is no row cameras_3 of shots with a capture\. Expected: cameras_1, "):
+    with pytest.raises(UsageError, match=r"No shot with a capture has the row 'cameras_3'.* cameras_1, cameras_2, "):
         open_plan(subject, output / "wrong", replace(OPTIONS, capture_rows=("cameras_3",)))
+
+
+def test_frames_can_be_chosen(measured):
+    folder, output, _ = measured
+    subject = find_subjects(folder)[0]
+    plan = open_plan(subject, output / "at", replace(OPTIONS, capture_rows=(), chosen="1002"))
+    assert plan.scored_frames("noon") == (1002,)
+    assert plan.page_frame("noon") == 1002
+    with pytest.raises(UsageError, match=r"no truth under \w+ at these frames.*1001-1002"):
+        open_plan(subject, output / "wrong", replace(OPTIONS, capture_rows=(), chosen="1003-1009"))
 
 
 def test_a_second_evaluation_measures_nothing_again(measured):

@@ -37,9 +37,12 @@ def measured_sessions(
     Raises:
         UsageError: there is no such row.
     """
-    for name in wanted or ():
-        if name not in MEASURED:
-            raise UsageError(f"There is no row {name} of shots with a capture. Expected: {', '.join(MEASURED)}.")
+    for row in wanted or ():
+        if row not in MEASURED:
+            expected = f"{', '.join(MEASURED)}; or none"
+            raise UsageError(
+                f"No shot with a capture has the row {row!r}", "--capture-rows", expected, "check its spelling"
+            )
     shot = load_shot(_job_file(subject))
     if shot.capture is None:
         return {}

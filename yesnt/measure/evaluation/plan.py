@@ -68,6 +68,7 @@ class EvalPlan:
         lacking: why there is no decomposition; "" if there is one.
         thorough: largest number of frames per shot on which every row is scored.
         probes: largest number of maps per shot for the term-by-term rows and the search of constants.
+        chosen: frames on which every row is scored instead; empty: as `thorough` says.
         lpips: the user's LPIPS weights.
         measured: row -> the same shot as a job that measures its materials by a capture; none without a capture.
         fitted: the same shot as a job that has its capture alone; None if no field is to be fitted.
@@ -78,6 +79,7 @@ class EvalPlan:
     lacking: str = ""
     thorough: int = 3
     probes: int = 3
+    chosen: tuple[int, ...] = ()
     lpips: Path | None = None
     measured: Mapping[str, Session] = field(default_factory=dict)
     fitted: Session | None = None
@@ -88,8 +90,10 @@ class EvalPlan:
         return self.session.job.frames
 
     def scored_frames(self, name: str) -> tuple[int, ...]:
-        """Frames on which every row is scored under a map, spread evenly over those that have truth."""
+        """Frames on which every row is scored under a map: those chosen, or spread evenly over those with truth."""
         there = common_frames(self.subject, name, self.frames)
+        if self.chosen:
+            return tuple(frame for frame in there if frame in self.chosen)
         return tuple(there[i] for i in np.unique(np.linspace(0, len(there) - 1, self.thorough).round().astype(int)))
 
     @cached_property

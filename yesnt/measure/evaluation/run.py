@@ -13,16 +13,17 @@ from pathlib import Path
 from typing import Any
 
 from yesnt.core.capture_input import EvidenceInput
-from yesnt.core.errors import JobError
+from yesnt.core.errors import JobError, UsageError
+from yesnt.core.frame_ranges import frame_ranges
 from yesnt.core.shot import Job, Shot
 from yesnt.io.durable import sweep_partials, write_bytes, write_json
-from yesnt.io.jobfile import load_shot
+from yesnt.io.jobfile import load_shot, parse_frames
 from yesnt.io.store import FrameStore
 from yesnt.measure.evaluation.constants import best_constants
 from yesnt.measure.evaluation.measured_jobs import fitted_session, measured_sessions, open_session
 from yesnt.measure.evaluation.page import write_page
 from yesnt.measure.evaluation.plan import EvalPlan
-from yesnt.measure.evaluation.subjects import Subject, find_subjects
+from yesnt.measure.evaluation.subjects import Subject, common_frames, find_subjects
 from yesnt.measure.evaluation.summary import summarise
 from yesnt.measure.evaluation.table import as_markdown
 from yesnt.measure.evaluation.tasks import run_evaluation_node
@@ -55,6 +56,7 @@ class EvalOptions:
         capture_rows: names of the rows that shots with a capture get; None: all that it has the cameras for.
         thorough: largest number of frames per shot on which every row is scored.
         probes: largest number of maps per shot for the term-by-term rows and the search of constants.
+        chosen: frames on which every row is scored instead, as "1003,1012"; None: as `thorough` says.
         samples: members of the ensemble; None: as the shots say.
         weights: of the decomposition; None: as the shots say.
         quality: of the relighting; None: as the shots say.
@@ -69,6 +71,7 @@ class EvalOptions:
     capture_rows: tuple[str, ...] | None = None
     thorough: int = 3
     probes: int = 3
+    chosen: str | None = None
     samples: int | None = None
     weights: Path | None = None
     quality: str | None = None
@@ -192,13 +195,30 @@ def open_plan(subject: Subject, output: Path, options: EvalOptions) -> EvalPlan:
         true = _absolute(shot, subject, options)
         true["decompose"] = {"path": str(subject.folder / "truth" / "material.####.exr")}
         session = open_session(home, true)
-    plan = EvalPlan(subject, session, lacking, options.thorough, options.probes, options.lpips)
+    chosen = () if options.chosen is None else parse_frames(options.chosen, "--at")
+    plan = EvalPlan(subject, session, lacking, options.thorough, options.probes, chosen, options.lpips)
+    check_scored(plan)
     if lacking:
         return plan
     with_capture = partial(_absolute, subject=subject, options=options, measured=True)
     knobs = options.fit_knobs
     fitted = None if knobs is None else fitted_session(subject, home, with_capture, knobs)
     return replace(plan, measured=measured_sessions(subject, home, with_capture, options.capture_rows), fitted=fitted)
+
+
+def check_scored(plan: EvalPlan) -> None:
+    """Refuses chosen frames of which a map has none.
+
+    Raises:
+        UsageError: a map of the shot has truth at none of the frames on which rows are to be scored.
+    """
+    for name, _ in plan.subject.maps:
+        if not plan.scored_frames(name):
+            there = common_frames(plan.subject, name, plan.frames)
+            raise UsageError(
+                f"The shot {plan.subject.name} has no truth under {name} at these frames", "--at",
+                frame_ranges(there), "name some of these",
+            )  # fmt: skip
 
 
 def _absolute(shot: Shot, subject: Subject, options: EvalOptions, measured: bool = False) -> dict[str, Any]:

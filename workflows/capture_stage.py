@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 from yesnt.capture_stage.jobs import render_jobs
+from yesnt.capture_stage.reference import of_fits
 from yesnt.core.stage_id import StageId
 from yesnt.planning.graph import Graph, Node
 from yesnt.planning.task_records import RenderTask
@@ -15,10 +17,11 @@ BUILDS_ON = {"reference": "objects"}
 """The reference row relights the proxy meshes that the objects set leaves."""
 
 
-def capture_stage_graph(set_names: Sequence[str], small: bool) -> Graph:
-    """One node a render job."""
+def capture_stage_graph(set_names: Sequence[str], small: bool, fits: Path | None = None) -> Graph:
+    """One node a render job; with the folder of an evaluation the references of the meshes that were fitted there."""
     ordered = sorted(dict.fromkeys(set_names), key=lambda name: name in BUILDS_ON)
     jobs = [job for name in ordered for job in render_jobs(name, small)]
+    jobs = jobs if fits is None else list(of_fits(jobs, fits))
     first = {(job.set_name, job.subject): i for i, job in reversed(list(enumerate(jobs)))}
     nodes = []
     for i, job in enumerate(jobs):

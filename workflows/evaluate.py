@@ -50,7 +50,9 @@ def measured_graph(plan: EvalPlan) -> Graph:
 def fitted_graph(plan: EvalPlan) -> Graph:
     """The rows whose geometry is fitted; run after the job that fits it."""
     scored = [(name, frame) for frame in plan.frames for name, _ in plan.subject.maps]
-    return Graph(plan.fitted_score(name, frame) for name, frame in scored if frame in plan.scored_frames(name))
+    there = [(name, frame) for name, frame in scored if frame in plan.scored_frames(name)]
+    rendered = [plan.fitted_reference(name, frame) for name, frame in there]
+    return Graph([*(plan.fitted_score(name, frame) for name, frame in there), *filter(None, rendered)])
 
 
 def _nodes(plan: EvalPlan) -> Iterator[Node]:

@@ -8,15 +8,19 @@ import pytest
 
 from tests.in_process import run_here
 from yesnt.capture_stage.jobs import render_jobs
-from yesnt.capture_stage.reference import fill_outwards
+from yesnt.capture_stage.reference import fill_outwards, fitted_picture
 from yesnt.capture_stage.render import find_receipt, render
 from yesnt.capture_stage.shotfiles import shot_folder
 from yesnt.capture_stage.tools import Tools, run_anny
+from yesnt.cli.staging import drive_stage
 from yesnt.core.camera import Camera
-from yesnt.core.errors import JobError, MissingPartError, YesntError
+from yesnt.core.errors import JobError, MissingPartError, UsageError, YesntError
 from yesnt.io.cameras import read_cameras
+from yesnt.io.exr import write_exr
 from yesnt.io.jobfile import load_shot
 from yesnt.io.pictures.image import read_image
+from yesnt.runtime.capture_stage_run import CaptureStageContext, render_node
+from yesnt.workflows.capture_stage import capture_stage_graph
 
 SETS_WITH_CAPTURE = ("objects", "objects_capture")
 PER_JOB = 1 + 1 + 3  # geometry, proxy, three lights
@@ -118,6 +122,47 @@ def test_the_reference_completes_a_shot_and_needs_it(fake, tmp_path):
     assert receipt.folder == shot.folder
     assert set(receipt.files) == {"truth/proxy_sky.1001.exr", "truth/proxy_studio.1001.exr"}
     assert find_receipt(job, tmp_path / "out") is not None
+
+
+def _write_fit(evaluation, subject, side):
+    home = evaluation / "shots" / subject / "fitted" / "out" / "gaussians"
+    home.mkdir(parents=True)
+    plane = np.ones((side, side), np.float32)
+    write_exr(home / "view.1001.exr", dict.fromkeys("RGBA", plane))
+    (home / "proxy.1001.ply").write_bytes(b"ply\n")
+    return home
+
+
+def test_the_reference_of_a_fit_is_rendered_beside_it_and_again_after_another_fit(fake, tmp_path, counter):
+    home = _write_fit(tmp_path, "vase", 64)
+    context = CaptureStageContext(str(tmp_path), fake, fits=True)
+    (node,) = capture_stage_graph(["reference"], True, tmp_path)
+    render_node(context, node)
+    folder = tmp_path / "shots" / "vase" / "fitted"
+    assert sorted(path.name for path in folder.glob("truth/*")) == ["proxy_sky.1001.exr", "proxy_studio.1001.exr"]
+    assert fitted_picture(folder, "sky", 1001) == folder / "truth" / "proxy_sky.1001.exr"
+    assert fitted_picture(folder, "city", 1001) is None, "not rendered"
+    (home / "proxy.1001.ply").write_bytes(b"ply another\n")
+    assert fitted_picture(folder, "sky", 1001) is None, "shows another fit"
+    (again,) = capture_stage_graph(["reference"], True, tmp_path)
+    assert again.key != node.key
+    render_node(context, again)
+    assert counter.read_text() == "4"
+    assert fitted_picture(folder, "sky", 1001) is not None
+    (folder / "truth" / "proxy_sky.1001.exr").unlink()
+    with pytest.raises(JobError, match="fitted again meanwhile"):
+        render(node.task.job, tmp_path, fake)
+
+
+def test_fits_of_another_size_or_none_at_all_are_refused(fake, tmp_path):
+    with pytest.raises(UsageError, match="no fitted field here"):
+        capture_stage_graph(["reference"], True, tmp_path)
+    _write_fit(tmp_path, "vase", 32)
+    (node,) = capture_stage_graph(["reference"], True, tmp_path)
+    with pytest.raises(JobError, match="The plate has 32x32 pixels"):
+        render(node.task.job, tmp_path, fake)
+    with pytest.raises(UsageError, match="Only reference takes fits"):
+        drive_stage(["objects"], tmp_path, tmp_path, True, tmp_path, 1, "local")
 
 
 def test_a_capture_completes_a_shot_with_a_job_that_is_measured(fake, tmp_path, counter):

@@ -142,6 +142,7 @@ class RenderJob:
         height: rows.
         samples: of Cycles, before denoising.
         cameras: of the set's rig that are rendered; none: the delivered view.
+        fit: digest of the fitted view and mesh that are relit in place of the shot's plate and proxy; "": those.
     """
 
     set_name: str
@@ -152,6 +153,7 @@ class RenderJob:
     height: int
     samples: int
     cameras: tuple[str, ...] = ()
+    fit: str = ""
 
     @cached_property
     def key(self) -> str:
@@ -209,8 +211,9 @@ class RenderJob:
     def to_json(self) -> dict[str, Any]:
         """Plain data; `from_json` takes it back."""
         data = asdict(self)
-        if not self.cameras:
-            del data["cameras"]  # keys of delivered views stay what they were before there were rigs
+        for name in ("cameras", "fit"):  # keys of delivered views stay what they were before there were rigs
+            if not data[name]:
+                del data[name]
         return data
 
     @classmethod

@@ -15,7 +15,7 @@ from typing import Any
 from yesnt.capture_stage import passes
 from yesnt.capture_stage.jobs import CAPTURE, SETS, RenderJob
 from yesnt.capture_stage.maps import map_path
-from yesnt.capture_stage.reference import projected
+from yesnt.capture_stage.reference import RECORDS, projected
 from yesnt.capture_stage.shotfiles import picture_name, shot_folder, write_static_files
 from yesnt.capture_stage.subjects import prepare
 from yesnt.capture_stage.tools import Tools, run_blender
@@ -24,7 +24,6 @@ from yesnt.io.durable import write_bytes, write_json
 from yesnt.io.exr import write_exr
 
 PROXY_TRIANGLES = 4500
-_RECORDS = "stage"
 
 
 @dataclass(frozen=True)
@@ -81,7 +80,7 @@ def render(job: RenderJob, out_dir: Path, tools: Tools) -> Receipt:
         return done
     start, busy = time.perf_counter(), _cpu_seconds()
     folder = shot_folder(job, out_dir)
-    raw = folder / _RECORDS / f"raw-{job.key[:16]}"
+    raw = folder / RECORDS / f"raw-{job.key[:16]}"
     for path in (raw, folder / "env", folder / "truth"):
         path.mkdir(parents=True, exist_ok=True)
     missing = [item for item in _renders(job, raw, tools) if not _is_whole(Path(item["out"]))]
@@ -105,7 +104,7 @@ def _cpu_seconds() -> float:
 
 
 def _record_path(job: RenderJob, folder: Path) -> Path:
-    return folder / _RECORDS / f"{job.key[:32]}.json"
+    return folder / RECORDS / f"{job.key[:32]}.json"
 
 
 def _digest(path: Path) -> str:

@@ -7,6 +7,7 @@ from typing import Any
 
 from yesnt.capture_stage.jobs import CAPTURE, SETS, RenderJob, render_jobs, shot_frames_of
 from yesnt.capture_stage.maps import map_path
+from yesnt.capture_stage.reference import fitted_folder
 from yesnt.capture_stage.rigs import Rig
 from yesnt.capture_stage.tools import Tools
 from yesnt.io.durable import write_bytes, write_json
@@ -19,7 +20,12 @@ MEASURED_OUTPUT = "out-measured"
 
 
 def shot_folder(job: RenderJob, out_dir: Path) -> Path:
-    """Folder of a job's shot: `out_dir/SET/SUBJECT`, and `out_dir/SET-small/SUBJECT` for the small ones."""
+    """Folder of a job's shot: `out_dir/SET/SUBJECT`, and `out_dir/SET-small/SUBJECT` for the small ones.
+
+    A job of a fit has the folder that `yesnt eval --fit-steps` made of the fit; `out_dir` is then the evaluation's.
+    """
+    if job.fit:
+        return fitted_folder(Path(out_dir), job.subject)
     home = SETS[job.set_name].completes or job.set_name
     return Path(out_dir) / (f"{home}-small" if _is_small(job) else home) / job.subject
 

@@ -233,13 +233,16 @@ def stage(
     out: Annotated[Path, typer.Option(help="root of the sets")] = Path("stage"),
     cache: Annotated[Path, typer.Option(help="folder of fetched assets")] = Path("stage/cache"),
     small: Annotated[bool, typer.Option("--small", help="2 subjects, 2 maps, 64x64")] = False,
+    fits: Annotated[
+        Path | None, typer.Option(help="reference: meshes that `yesnt eval --fit-steps` fitted in this folder")
+    ] = None,
     workers: Annotated[int | None, typer.Option(min=1, help="Blenders side by side [2, or the profile's]")] = None,
     cluster: ClusterOption = "local",
 ) -> int:
     """Render sets of the virtual capture stage, with truth (needs `make blender`); resumes."""
     from yesnt.cli.staging import drive_stage
 
-    return drive_stage(sets, out, cache, small, workers, cluster)
+    return drive_stage(sets, out, cache, small, fits, workers, cluster)
 
 
 @app.command()

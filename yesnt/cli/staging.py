@@ -8,11 +8,13 @@ from pathlib import Path
 from yesnt.core.errors import UsageError
 
 
-def drive_stage(sets: list[str], out: Path, cache: Path, small: bool, workers: int | None, cluster: str) -> int:
+def drive_stage(
+    sets: list[str], out: Path, cache: Path, small: bool, fits: Path | None, workers: int | None, cluster: str
+) -> int:
     """Renders what is missing; 3 if jobs failed.
 
     Raises:
-        UsageError: an unknown set.
+        UsageError: an unknown set, or fits of other sets than `reference`.
         MissingPartError: Blender or anny is absent.
     """
     from yesnt.capture_stage.jobs import SETS
@@ -24,11 +26,15 @@ def drive_stage(sets: list[str], out: Path, cache: Path, small: bool, workers: i
     unknown = sorted(set(sets) - set(SETS))
     if unknown:
         raise UsageError(f"No set {unknown[0]!r}", "yesnt stage", f"one of {', '.join(SETS)}", "check its spelling")
-    context = CaptureStageContext(str(out.absolute()), find_tools(cache.absolute()))
+    if fits is not None and set(sets) != {"reference"}:
+        raise UsageError("Only reference takes fits", "--fits", "yesnt stage reference --fits DIR", "leave it out")
+    out = out if fits is None else fits
+    context = CaptureStageContext(str(out.absolute()), find_tools(cache.absolute()), fits is not None)
     progress = BarProgress() if sys.stdout.isatty() else LineProgress()
     with progress:
         outcome = run_capture_stage(sets, context, small, read_cluster(cluster, workers), progress)
     for node, reason in {**outcome.failed, **outcome.dead}.items():
         print(f"Failed: {node}: {reason}")
-    print(f"Sets: {', '.join(str(out / name) for name in sets)}")
+    where = [str(out / name) for name in sets] if fits is None else [str(out / "shots" / "NAME" / "fitted" / "truth")]
+    print(f"Sets: {', '.join(where)}")
     return 0 if outcome.complete else 3

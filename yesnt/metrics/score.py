@@ -45,9 +45,10 @@ class Truth:
         """A truth whose inside is solid both in itself and in the plate's matte."""
         return cls(radiance, opacity, (opacity > SOLID) & (matte > SOLID), nets)
 
-    def shown(self, radiance: NDArray[np.floating]) -> NDArray[np.floating]:
-        """A straight picture as it is displayed over black, with the truth's coverage."""
-        return srgb_encode(np.asarray(radiance, np.float32) * self.opacity[..., None])
+    def shown(self, radiance: NDArray[np.floating], opacity: F32 | None = None) -> NDArray[np.floating]:
+        """A straight picture as it is displayed over black, with the truth's coverage or its own [H, W]."""
+        coverage = self.opacity if opacity is None else opacity
+        return srgb_encode(np.asarray(radiance, np.float32) * coverage[..., None])
 
     @cached_property
     def display(self) -> NDArray[np.floating]:
@@ -107,23 +108,37 @@ def score(radiance: NDArray[np.floating], truth: Truth) -> list[Metric]:
     return [*found, named("hdr_flip", float(error[truth.inside[part]].mean()))]
 
 
-def score_briefly(radiance: NDArray[np.floating], truth: Truth) -> list[Metric]:
-    """The cheap metrics of `score`: PSNR, SSIM and FLIP, and PSNR with the channels scaled."""
+def score_briefly(radiance: NDArray[np.floating], truth: Truth, opacity: F32 | None = None) -> list[Metric]:
+    """The cheap metrics of `score`: PSNR, SSIM and FLIP, and PSNR with the channels scaled.
+
+    Args:
+        radiance: [H, W, 3] straight, scene-linear.
+        truth: the true picture.
+        opacity: the picture's own coverage [H, W], which is then scored too, over black; None: the truth's is used.
+    """
     picture = np.asarray(radiance, np.float32)
-    scale = channel_scale(picture, truth.radiance, truth.inside).astype(np.float32)
-    aligned = psnr(srgb_encode(picture * scale), srgb_encode(truth.radiance), truth.inside)
-    return [*(named(name, value) for name, value in _basic(picture, truth).items()), named("psnr_aligned", aligned)]
+    seen = _seen(picture, opacity)
+    scale = channel_scale(seen, truth.radiance, truth.inside).astype(np.float32)
+    aligned = psnr(srgb_encode(seen * scale), srgb_encode(truth.radiance), truth.inside)
+    found = _basic(picture, truth, opacity)
+    return [*(named(name, value) for name, value in found.items()), named("psnr_aligned", aligned)]
 
 
-def _basic(radiance: F32, truth: Truth) -> dict[str, float]:
-    part = truth.frame
-    display, true, inside = truth.shown(radiance)[part], truth.display[part], truth.inside[part]
+def _seen(radiance: F32, opacity: F32 | None) -> F32:
+    """What is seen at solid pixels [H, W, 3]: the colour itself, or what its own coverage leaves of it over black."""
+    return radiance if opacity is None else radiance * opacity[..., None]
+
+
+def _basic(radiance: F32, truth: Truth, opacity: F32 | None = None) -> dict[str, float]:
+    part = truth.frame if opacity is None else (slice(None), slice(None))  # own coverage may reach anywhere
+    display, true, inside = truth.shown(radiance, opacity)[part], truth.display[part], truth.inside[part]
+    seen = _seen(radiance, opacity)
     similarity, flip = ssim_map(display, true), flip_map(display, true)
     share = inside.size / truth.inside.size  # outside `frame` SSIM is 1 and FLIP and the error are 0
     return {
-        "psnr": psnr(srgb_encode(radiance), srgb_encode(truth.radiance), truth.inside),
+        "psnr": psnr(srgb_encode(seen), srgb_encode(truth.radiance), truth.inside),
         "psnr_whole": decibels(share * mean_squared_error(display, true)),
-        "psnr_linear": psnr(radiance, truth.radiance, truth.inside, truth.peak),
+        "psnr_linear": psnr(seen, truth.radiance, truth.inside, truth.peak),
         "ssim": float(similarity[inside].mean()),
         "ssim_whole": 1 - share * (1 - float(similarity.mean())),
         "flip": float(flip[inside].mean()),

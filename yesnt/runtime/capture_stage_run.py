@@ -26,10 +26,17 @@ Listener = Callable[[Mapping[str, Any]], None]
 
 @dataclass(frozen=True)
 class CaptureStageContext:
-    """Sent with every render task: the root of all sets, and the programs that render."""
+    """Sent with every render task: the root of all sets, and the programs that render.
+
+    Attributes:
+        out: the root; of fits the folder of the evaluation that holds them.
+        tools: Blender, anny, cache.
+        fits: whether the meshes of the fits in `out` are rendered in place of those of the shots.
+    """
 
     out: str
     tools: Tools
+    fits: bool = False
 
 
 def run_capture_stage(
@@ -43,7 +50,7 @@ def run_capture_stage(
     """
     where = cluster.of_job(False, Path(context.out) / "run")
     check_cluster(where)
-    graph = capture_stage_graph(set_names, small)
+    graph = capture_stage_graph(set_names, small, Path(context.out) if context.fits else None)
     book = RecordBook(Path(context.out) / "records")
     _forget_damaged(book, graph, Path(context.out))
     driver = Driver(context, graph, book, render_node, DriverSettings(), listen)

@@ -10,6 +10,12 @@ from yesnt.measure.evaluation.rows import Row
 CAMERAS = 8
 """Cameras that measure the materials; all cameras of the capture are fitted."""
 
+BLENDER = "fitted_blender"
+"""The row that Blender renders of the fitted mesh."""
+
+STRIP_ROW = "fitted_cameras"
+"""The row whose picture the page shows, beside the same with true materials."""
+
 
 @dataclass(frozen=True)
 class Counterpart:
@@ -30,10 +36,16 @@ def _counterpart(name: str, title: str, source: str, given: str) -> Counterpart:
     return Counterpart(row, given)
 
 
+_IN_BLENDER = Row(
+    BLENDER, "Proxy in Blender, fitted mesh", "fitted", "blender",
+    "Cycles relights the fitted mesh with the colours of the fitted view (yesnt stage reference --fits)",
+)  # fmt: skip
+
 COUNTERPARTS = (
     _counterpart("true", "true materials", "true", "full_true"),
     _counterpart("model", "the model's materials", "observed", "unregularised"),
     _counterpart("cameras", f"materials measured by {CAMERAS} cameras", "measured", f"cameras_{CAMERAS}"),
+    Counterpart(_IN_BLENDER, "blender_proxy"),
 )
 
 FITTED_ROWS = MappingProxyType({one.row.name: one.row for one in COUNTERPARTS})

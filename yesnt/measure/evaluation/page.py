@@ -83,6 +83,7 @@ def write_page(path: Path, document: Mapping[str, Any], output: Path) -> None:
         calibration=_calibration(document),
         panels=PANELS,
         figures=[figure for one in document["worst"] if (figure := _figure(one, document, output))],
+        fitted=[figure for one in document.get("fitted", ()) if (figure := _figure(one, document, output))],
         material_panels=MATERIAL_PANELS,
         materials=list(_material_figures(document, output)),
     )

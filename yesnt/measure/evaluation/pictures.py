@@ -33,6 +33,7 @@ def write_strip(
     ours: NDArray[np.floating],
     ceiling: NDArray[np.floating] | None,
     truth: Truth,
+    opacity: NDArray[np.float32] | None = None,
 ) -> None:
     """Writes the panels of one frame, cut to the subject.
 
@@ -42,12 +43,13 @@ def write_strip(
         ours: [H, W, 3] our relit picture, straight, scene-linear.
         ceiling: [H, W, 3] the same with true materials, or None.
         truth: the reference rendered in Blender.
+        opacity: coverage [H, W] of plate, ours and ceiling; None: the truth's.
     """
-    shown = truth.shown(ours)
-    panels = [_bytes(picture) for picture in (truth.shown(plate), truth.display, shown)]
+    shown = truth.shown(ours, opacity)
+    panels = [_bytes(picture) for picture in (truth.shown(plate, opacity), truth.display, shown)]
     panels.append(_heat(flip_map(shown, truth.display)))
     if ceiling is not None:
-        panels.append(_bytes(truth.shown(ceiling)))
+        panels.append(_bytes(truth.shown(ceiling, opacity)))
     _write(path, [panel[truth.frame] for panel in panels])
 
 

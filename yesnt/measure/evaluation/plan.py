@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from yesnt.capture_stage.reference import fitted_picture
 from yesnt.core.shot import Job
 from yesnt.core.stage_id import StageId
 from yesnt.io.file_digests import file_digest, file_identity
@@ -27,6 +28,7 @@ from yesnt.measure.evaluation.scorer import (
 from yesnt.measure.evaluation.subjects import PROXY, RELIT, Subject, common_frames
 from yesnt.measure.evaluation.task_records import (
     BouncesTask,
+    FittedReferenceTask,
     FittedScoreTask,
     MaterialTask,
     MeasuredMaterialTask,
@@ -261,8 +263,16 @@ class EvalPlan:
         graph = self.fitted.graph()
         made = {stage.name: graph.committer(stage, frame).frame_key(frame) for stage in (DECOMPOSE, SOLVE)}
         geometry = digest_of({"views": dict(self.fitted.resolved.digests), **self._relighting()})
-        task = FittedScoreTask(self.subject, name, geometry, self.fitted.job)
-        settings = self._relighting() | {"materials": made, "geometry": geometry}
+        parts, strip = name in self.probe_maps, frame == self.page_frame(name)
+        told = self.fitted.plan().base_from_views
+        task = FittedScoreTask(self.subject, name, geometry, self.fitted.job, parts, strip, told)
+        settings = self._relighting() | {
+            "materials": made,
+            "geometry": geometry,
+            "parts": parts,
+            "strip": strip,
+            "told": told,
+        }
         inputs = self._picture_files(name, frame)
         return self._node(StageId("fitted", part=name), (frame,), settings, inputs, [], Graph(), task)
 
@@ -270,6 +280,17 @@ class EvalPlan:
     def _base_from_views(self) -> tuple[str, ...]:
         """Rows whose base colour the capture's cameras tell too."""
         return tuple(row for row, session in self.measured.items() if session.plan().base_from_views)
+
+    def fitted_reference(self, name: str, frame: int) -> Node | None:
+        """Scores the fitted mesh as Blender relights it; None where there is no picture of this very fit."""
+        assert self.fitted is not None
+        home = Path(self.fitted.job.root)
+        picture = fitted_picture(home, name, frame)
+        if picture is None:
+            return None
+        task = FittedReferenceTask(self.subject, name, str(picture))
+        inputs = self._picture_files(name, frame) | {"blender proxy": _digest(picture)}
+        return self._node(StageId("fitted_reference", part=name), (frame,), {}, inputs, [], Graph(), task)
 
     @property
     def _measured_jobs(self) -> dict[str, Job]:

@@ -131,6 +131,41 @@ class Scene:
         return {}
 
 
+PARTS = {
+    "plate": "colour and matte of the plate",
+    "normals": "normals",
+    "z": "z",
+    "proxy": "the proxy that casts shadows and bounces light",
+}
+"""What a fitted field gives a scene, part by part."""
+
+
+@dataclass(frozen=True)
+class ExchangedScene(Scene):
+    """A scene with one part of another one's inputs; pixels that the other does not cover keep their own surface.
+
+    Attributes:
+        given: the scene itself.
+        other: where the part comes from; of the same camera and frame.
+        part: one of `PARTS`.
+    """
+
+    given: Scene = field(kw_only=True)
+    other: Scene = field(kw_only=True)
+    part: str = field(kw_only=True)
+
+    @cached_property
+    def _inputs(self) -> RelightInputs:
+        mine, theirs = self.given._inputs, self.other._inputs
+        if self.part in ("plate", "proxy"):
+            return dataclasses.replace(mine, **{self.part: getattr(theirs, self.part)})
+        surface, there = mine.gbuffer, theirs.gbuffer.z > 0
+        name = {"normals": "normal"}.get(self.part, self.part)
+        values, taken = getattr(surface, name), getattr(theirs.gbuffer, name)
+        mixed = np.where(there[..., None] if values.ndim > there.ndim else there, taken, values)
+        return dataclasses.replace(mine, gbuffer=dataclasses.replace(surface, **{name: mixed}))
+
+
 @dataclass(frozen=True)
 class SceneKey:
     """Key of a scene in a worker's cache.

@@ -70,9 +70,7 @@ class Subject:
 
     def read_relit(self, name: str, frame: int, prefix: str = RELIT) -> tuple[F32, F32]:
         """Blender's picture as straight linear colour [H, W, 3] and opacity [H, W]."""
-        picture = read_image(self.relit_path(name, frame, prefix)).stack("RGBA")
-        opacity = np.clip(picture[..., 3], 0, 1)
-        return straighten(np.maximum(picture[..., :3], 0), opacity), opacity
+        return read_straight(self.relit_path(name, frame, prefix))
 
     def read_material(self, frame: int, matte: F32) -> TrueMaterial:
         """The true material; renderers multiply it by coverage, which is divided out where the matte is not 0."""
@@ -90,6 +88,13 @@ class Subject:
     def has_flow(self, frames: Sequence[int]) -> bool:
         """Whether every pair of these frames has true flow."""
         return len(frames) > 1 and all(self.flow_path(frame).is_file() for frame in frames[:-1])
+
+
+def read_straight(path: Path) -> tuple[F32, F32]:
+    """A picture with associated alpha as straight linear colour [H, W, 3], negative values set to 0, and opacity."""
+    picture = read_image(path).stack("RGBA")
+    opacity = np.clip(picture[..., 3], 0, 1)
+    return straighten(np.maximum(picture[..., :3], 0), opacity), opacity
 
 
 def find_subjects(

@@ -10,7 +10,7 @@ import numpy as np
 
 from yesnt.core.stage_id import StageId
 from yesnt.measure.evaluation.evidence_rows import EVIDENCE_ROWS, shown_row
-from yesnt.measure.evaluation.fitted_rows import FITTED_ROWS
+from yesnt.measure.evaluation.fitted_rows import FITTED_ROWS, STRIP_ROW
 from yesnt.measure.evaluation.margins import margins
 from yesnt.measure.evaluation.pictures import strip_name
 from yesnt.measure.evaluation.plan import MEASURED_MATERIAL, EvalPlan
@@ -39,8 +39,10 @@ def summarise(plans: Sequence[EvalPlan], constants: Mapping[str, Mapping[str, tu
         "material": _material(plans),
         "measured": _measured(plans),
         "geometry": _geometry(plans),
+        "geometry_parts": _geometry_parts(plans),
         "video": _video(plans),
         "worst": _worst(plans, cells),
+        "fitted": _fitted_strips(plans, cells),
         "definitions": {name: definition.text for name, definition in DEFINITIONS.items()},
     }
     document["margins"] = margins(document)
@@ -62,7 +64,7 @@ def _cells(plans: Sequence[EvalPlan]) -> Cells:
     for plan in plans:
         for name, _ in plan.subject.maps:
             rows: dict[str, list[Mapping[str, float]]] = {}
-            stages = _SCORES if plan.fitted is None else (*_SCORES, "fitted")
+            stages = _SCORES if plan.fitted is None else (*_SCORES, "fitted", "fitted_reference")
             for facts in _facts(plan, name, stages):
                 for row, numbers in facts["rows"].items():
                     rows.setdefault(row, []).extend([numbers] if numbers else [])
@@ -129,6 +131,16 @@ def _geometry(plans: Sequence[EvalPlan]) -> dict[str, Any]:
         if frames and plan.fitted is not None:
             found[plan.subject.name] = _mean(frames)
     return found
+
+
+def _geometry_parts(plans: Sequence[EvalPlan]) -> dict[str, Any]:
+    """True materials on the given inputs, and with one part of the fitted geometry each: metrics over the pairs."""
+    pairs: list[dict[str, Any]] = []
+    for plan in plans if any(plan.fitted is not None for plan in plans) else ():
+        for name in plan.probe_maps:
+            frames = [facts["parts"] for facts in _facts(plan, name, ("fitted",)) if facts.get("parts")]
+            pairs += [{part: _mean([frame[part] for frame in frames]) for part in frames[0]}] if frames else []
+    return {part: _spreads([pair[part] for pair in pairs]) for part in (pairs[0] if pairs else ())}
 
 
 def _row(row: Row, plans: Sequence[EvalPlan], cells: Cells) -> dict[str, Any]:
@@ -234,6 +246,16 @@ def _strip(plan: EvalPlan, name: str, row: str, cells: Cells) -> dict[str, Any]:
 def _cell(plan: EvalPlan, name: str) -> str:
     """Name of a shot under a map, as `cells` has it."""
     return f"{plan.subject.name} / {name}"
+
+
+def _fitted_strips(plans: Sequence[EvalPlan], cells: Cells) -> list[dict[str, Any]]:
+    """Every shot and map whose geometry is fitted with its strip, lowest PSNR first."""
+    found = []
+    for plan in plans:
+        for name, _ in plan.subject.maps:
+            if plan.fitted is not None and _cell(plan, name) in cells.get(STRIP_ROW, {}):
+                found.append(_strip(plan, name, STRIP_ROW, cells))
+    return sorted(found, key=lambda one: one["psnr"])
 
 
 def _finite(value: Any) -> Any:

@@ -11,6 +11,7 @@ from typing import Any
 from yesnt.measure.evaluation.evidence_rows import EVIDENCE_ROWS
 from yesnt.measure.evaluation.fitted_rows import COUNTERPARTS
 from yesnt.measure.evaluation.margins import PAPER, PAPER_VIDEO
+from yesnt.measure.evaluation.scene import PARTS
 from yesnt.metrics.definitions import DEFINITIONS
 
 MAIN = (
@@ -52,6 +53,7 @@ def tables(document: Mapping[str, Any]) -> tuple[Table, ...]:
             _rows(document, "table", "Accuracy, mean ± std over object x map", MAIN),
             _measured(document),
             _fitted(document),
+            _fitted_parts(document),
             _margins(document),
             _separation(document),
             _rows(
@@ -243,7 +245,8 @@ def _measured(document: Mapping[str, Any]) -> Table:
 
 def _fitted(document: Mapping[str, Any]) -> Table:
     """Rows from cameras alone, and what each loses against the same materials on the given geometry."""
-    found, lines, metrics = {row["name"]: row for row in document["rows"]}, [], ("psnr", "ssim", "flip")
+    found, lines = {row["name"]: row for row in document["rows"]}, []
+    metrics = ("psnr", "psnr_whole", "ssim", "flip")
     for one in COUNTERPARTS if COUNTERPARTS[0].row.name in found else ():
         row, own = found[one.row.name], document["cells"].get(one.row.name, {})
         given = document["cells"].get(one.given, {})
@@ -263,6 +266,22 @@ def _fitted(document: Mapping[str, Any]) -> Table:
     )
     head = ("row", "pairs", *_titles(metrics), "cost of geometry, dB")
     return Table("From the cameras of a capture alone", head, tuple(lines), notes)
+
+
+def _fitted_parts(document: Mapping[str, Any]) -> Table:
+    """What each part of the fitted geometry costs, true materials and all other inputs as given."""
+    found, metrics = document.get("geometry_parts", {}), ("psnr", "psnr_whole")
+    titles = {"given": "all as given", **{part: f"fitted: {text}" for part, text in PARTS.items()}}
+    lines = []
+    for part, text in titles.items() if found else ():
+        values = found[part]
+        costs = [f"{found['given'][m]['mean'] - values[m]['mean']:.2f}" for m in metrics]
+        lines.append((text, str(values["psnr"]["n"]), *(number(m, values.get(m)) for m in metrics), *costs))
+    head = ("true materials", "pairs", *_titles(metrics), "cost inside, dB", "cost whole, dB")
+    notes = (
+        "One part from the fitted field, all others as given, under the probe maps; own coverage counts, over black",
+    )
+    return Table("What the fitted geometry costs, part by part", head, tuple(lines), notes)
 
 
 _MEASURED = (

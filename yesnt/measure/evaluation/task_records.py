@@ -133,10 +133,27 @@ class FittedScoreTask(MapTask):
     Attributes:
         geometry: digest of the fitted views; keys the scene that a worker keeps.
         fitted: the job that fitted the field and measured the materials.
+        parts: whether the parts of the fitted geometry are also scored one by one.
+        strip: whether a picture for the page is written.
+        base_from_views: whether the capture's cameras tell the base colour too, where they measure the materials.
     """
 
     geometry: str
     fitted: Job
+    parts: bool = False
+    strip: bool = False
+    base_from_views: bool = False
+
+
+@dataclass(frozen=True)
+class FittedReferenceTask(MapTask):
+    """Scores a picture that Blender rendered of a fitted mesh.
+
+    Attributes:
+        picture: its path.
+    """
+
+    picture: str
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from yesnt.core.shot import Job
 from yesnt.core.threads import pin_threads
 from yesnt.measure.evaluation import task_records as records
 from yesnt.measure.evaluation.bounce_task import bounces
-from yesnt.measure.evaluation.fitted_tasks import score_fitted
+from yesnt.measure.evaluation.fitted_tasks import score_fitted, score_fitted_reference
 from yesnt.measure.evaluation.measured_tasks import measured_material, measured_video, score_measured
 from yesnt.measure.evaluation.scorer import score_rows, search
 from yesnt.measure.evaluation.sequence_tasks import material, solve_true, video
@@ -28,6 +28,7 @@ TASKS: dict[type[TaskRecord], Callable[[Workspace[Any]], None]] = {
     records.MeasuredScoreTask: score_measured,
     records.MeasuredVideoTask: measured_video,
     records.FittedScoreTask: score_fitted,
+    records.FittedReferenceTask: score_fitted_reference,
     records.VideoTask: video,
 }
 """The function that runs each kind of task of the evaluation."""

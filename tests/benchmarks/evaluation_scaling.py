@@ -1,6 +1,7 @@
 """Processor seconds per frame and peak memory of each stage against resolution, and of a run against its length.
 
-python tests/benchmarks/evaluation_scaling.py [--sizes 480x270,960x540] [--lengths 16,64] [--quality draft] [--out DIR]
+python tests/benchmarks/evaluation_scaling.py [--sizes 480x270,960x540] [--stages fit_step,view] [--lengths 16,64]
+    [--quality draft] [--out DIR]
 
 Every figure comes from a process of its own, pinned to one thread, on a made-up scene: a sphere that covers 23 % of the
 picture, an 8,000-triangle proxy, two 512x256 maps. Kernels run twice and the second time counts, so that compiling does
@@ -24,9 +25,12 @@ from pathlib import Path
 
 SIZES = "480x270,960x540,1920x1080,3840x2160"
 LENGTHS = "16,32,64,128,256"
-STAGES = ("decompose", "flow", "solve", "relight", "composite")
+STAGES = ("decompose", "flow", "solve", "relight", "composite", "fit_step", "view")
 CHUNK = 4
 """Frames that the solve is measured on; its time per frame hardly depends on them."""
+
+GAUSSIANS, STEPS = 15_000, 8
+"""Of the field that is fitted and rendered; steps that are timed, one a camera."""
 
 
 def scene(width, height):
@@ -126,6 +130,68 @@ def composite(width, height, quality):
     return lambda: over(associate(plate, matte), np.ones_like(plate)), 1
 
 
+def ball_cameras(width, height):
+    """The cameras of `scene` all around the sphere, and what each sees: targets of a fit with whole pictures."""
+    import numpy as np
+
+    from yesnt.core.camera import Camera
+    from yesnt.gaussians.records import View
+    from yesnt.gaussians.targets import Target
+
+    camera, matte, _, normal, _ = scene(width, height)
+    keys = ("width", "height", "fx", "fy", "cx", "cy")
+    targets = []
+    for angle in 2 * np.pi * np.arange(STEPS) / STEPS:
+        turn = np.eye(4)
+        turn[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+        pose = {"1": {"world_from_camera": (turn @ camera.pose()).ravel().tolist()}}
+        turned = normal @ turn[:3, :3].T.astype(np.float32)
+        color = ((0.5 + 0.4 * np.sin(9 * turned)) * matte[..., None]).astype(np.float32)
+        view = View.of(Camera.from_dict({**{k: getattr(camera, k) for k in keys}, "frames": pose}))
+        targets.append(Target.cropped(view, color, matte))
+    return camera, targets
+
+
+def ball_field(targets):
+    """Discs evenly spread over the sphere (Fibonacci's spiral), and the points."""
+    import numpy as np
+
+    from yesnt.gaussians.initial import discs
+
+    z = 1 - (2 * np.arange(GAUSSIANS) + 1) / GAUSSIANS
+    angle = np.pi * (3 - np.sqrt(5)) * np.arange(GAUSSIANS)
+    points = np.stack([np.sqrt(1 - z**2) * np.cos(angle), np.sqrt(1 - z**2) * np.sin(angle), z], axis=1)
+    return discs(points, points, targets, GAUSSIANS, 1), points
+
+
+def fit_step(width, height, quality):
+    """One step of a fit at full resolution, with all losses."""
+    from yesnt.gaussians.fit import Pictures, take_step
+    from yesnt.gaussians.fit_state import FitState
+    from yesnt.gaussians.initial import pixel_width
+    from yesnt.gaussians.settings import FitSettings
+
+    _, targets = ball_cameras(width, height)
+    field, points = ball_field(targets)
+    state, pictures = FitState.of(field, 2.0, pixel_width(points, targets)), Pictures(targets, ())
+    settings = FitSettings(half=0, geometry_from=0, every=10_000)
+
+    def steps():
+        for _ in range(STEPS):
+            take_step(state, pictures, settings, 1)
+
+    return steps, STEPS
+
+
+def view(width, height, quality):
+    """The field as plate and G-buffer."""
+    from yesnt.gaussians.render import render
+
+    camera, targets = ball_cameras(width, height)
+    field, _ = ball_field(targets)
+    return lambda: render(field, camera), 1
+
+
 def run(length, folder):
     """Materials read, flow, chunked solve of a whole shot, task after task as a worker does them; 240x135."""
     from yesnt.runtime.session import Session
@@ -200,7 +266,7 @@ def plot(title, unit, series):
     points = [p for curve in series.values() for p in curve]
     low, high = ([f(math.log10(p[i]) for p in points) for i in (0, 1)] for f in (min, max))
     span = [max(h - a, 0.3) for a, h in zip(low, high, strict=True)]
-    colors = ("#1f5fbf", "#c1440e", "#2e7d32", "#7b1fa2", "#555", "#b8860b")
+    colors = ("#1f5fbf", "#c1440e", "#2e7d32", "#7b1fa2", "#555", "#b8860b", "#00838f")
 
     def at(point):
         x, y = ((math.log10(v) - low[i]) / span[i] for i, v in enumerate(point))
@@ -243,6 +309,7 @@ def draw(path, found):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sizes", default=SIZES)
+    parser.add_argument("--stages", default=",".join(STAGES))
     parser.add_argument("--lengths", default=LENGTHS)
     parser.add_argument("--quality", default="standard")
     parser.add_argument("--out", type=Path, default=Path(tempfile.gettempdir()) / "yesnt-scaling")
@@ -251,10 +318,11 @@ def main():
     if options.measure:
         measure(*options.measure, options.quality)
         return
-    sizes, lengths = (tuple(filter(None, text.split(","))) for text in (options.sizes, options.lengths))
-    for what, argument in [(stage, size) for size in sizes for stage in STAGES] + [("run", n) for n in lengths]:
+    texts = (options.sizes, options.stages, options.lengths)
+    sizes, stages, lengths = (tuple(filter(None, text.split(","))) for text in texts)
+    for what, argument in [(stage, size) for size in sizes for stage in stages] + [("run", n) for n in lengths]:
         found = known(options)
-        place = found["lengths"] if what == "run" else found["stages"][what]
+        place = found["lengths"] if what == "run" else found["stages"].setdefault(what, {})
         if argument not in place and (one := child(what, argument, options.quality)) is not None:
             place[argument] = one
             (options.out / "scaling.json").write_text(json.dumps(found, indent=1))

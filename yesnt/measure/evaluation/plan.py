@@ -263,16 +263,9 @@ class EvalPlan:
         graph = self.fitted.graph()
         made = {stage.name: graph.committer(stage, frame).frame_key(frame) for stage in (DECOMPOSE, SOLVE)}
         geometry = digest_of({"views": dict(self.fitted.resolved.digests), **self._relighting()})
-        parts, strip = name in self.probe_maps, frame == self.page_frame(name)
-        told = self.fitted.plan().base_from_views
-        task = FittedScoreTask(self.subject, name, geometry, self.fitted.job, parts, strip, told)
-        settings = self._relighting() | {
-            "materials": made,
-            "geometry": geometry,
-            "parts": parts,
-            "strip": strip,
-            "told": told,
-        }
+        extent = (name in self.probe_maps, frame == self.page_frame(name), self.fitted.plan().base_from_views)
+        task = FittedScoreTask(self.subject, name, geometry, self.fitted.job, *extent)
+        settings = self._relighting() | {"materials": made, "geometry": geometry, "extent": extent}
         inputs = self._picture_files(name, frame)
         return self._node(StageId("fitted", part=name), (frame,), settings, inputs, [], Graph(), task)
 
@@ -284,8 +277,7 @@ class EvalPlan:
     def fitted_reference(self, name: str, frame: int) -> Node | None:
         """Scores the fitted mesh as Blender relights it; None where there is no picture of this very fit."""
         assert self.fitted is not None
-        home = Path(self.fitted.job.root)
-        picture = fitted_picture(home, name, frame)
+        picture = fitted_picture(Path(self.fitted.job.root), name, frame)
         if picture is None:
             return None
         task = FittedReferenceTask(self.subject, name, str(picture))

@@ -332,6 +332,8 @@ def _scaling(document: Mapping[str, Any]) -> Table:
     lengths = "; ".join(f"{n} frames {_cost(one)}" for n, one in found["lengths"].items())
     notes = (
         "Processor seconds per frame on one core / peak memory in GB of a process that runs the stage alone",
+        "fit_step: one step of a fit of 15,000 Gaussians, of which a frame takes hundreds or thousands "
+        "(docs/gaussians.md); view: this field rendered as plate and G-buffer",
         f"Materials read, flow and chunked solve of a whole shot at 240x135: {lengths or 'not measured'}",
     )
     return Table("Time and memory", ("stage", *sizes), tuple(lines), notes)

@@ -42,7 +42,9 @@ from yesnt.relight.texel_lod import LEAST_COSINE, choose_levels, least_bearable,
 
 F32 = NDArray[np.float32]
 
-_BATCH = SCRATCH_TEXELS // 8  # blocks gathered at a time
+BATCH = SCRATCH_TEXELS // 8
+"""Blocks of texels that are gathered at a time."""
+
 _ANY_SIZE = 1e9  # a `detail` that level 0 always meets; fast arithmetic has no infinity
 _0, _1, _2, _3 = np.uintp(0), np.uintp(1), np.uintp(2), np.uintp(3)
 _ONE = np.float32(1.0)
@@ -139,7 +141,7 @@ def _sum_pixel(p, points, texels, clusters, occlusion, sampling, scratch, sums):
     dielectric, metal = points.dielectric[p] != 0, points.metal[p] != 0
     occluded = _read_hidden(occlusion.hidden, p, state.hidden)
     choose_levels(stored_frame, sampling, texels.size, clusters, state)
-    _add_diffuse(texels, clusters, scratch, diffuse, widen, sampling, sums)
+    add_diffuse(texels, clusters, scratch, diffuse, widen, sampling, sums)
     broad = is_broad(stored_frame, widen * sampling.most_spread)
     used, count = list_visible(texels.start, clusters.cone, state, state.level, scratch.listed)
     _add_blocks(texels, scratch, used, count, Lobes(NO_DIFFUSE, dielectric, metal, broad), widen, sums)
@@ -165,7 +167,7 @@ def _read_hidden(hidden, p, row):  # type: ignore[no-untyped-def]  # noqa: ANN00
 
 
 @inlined
-def _add_diffuse(texels, clusters, scratch, diffuse, widen, sampling, sums):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def add_diffuse(texels, clusters, scratch, diffuse, widen, sampling, sums):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
     """Adds the diffuse lobe of visible clusters."""
     state = scratch.state
     if diffuse == DISNEY:
@@ -201,15 +203,15 @@ def _add_blocks(texels, scratch, used, count, lobes, widen, sums):  # type: igno
         add_lobes(
             scratch.frame, widen, texels.rows, np.uintp(8 * runs[i, 0]), np.uintp(8 * runs[i, 1]), lobes, sums
         )  # fmt: skip
-    for first in range(0, count, _BATCH):
-        full = min(count - first, _BATCH)
+    for first in range(0, count, BATCH):
+        full = min(count - first, BATCH)
         for k in range(full):
-            _copy_block(texels.words, np.uintp(blocks[first + k]), scratch.words, np.uintp(4 * k))
+            copy_block(texels.words, np.uintp(blocks[first + k]), scratch.words, np.uintp(4 * k))
         add_lobes(scratch.frame, widen, scratch.texels, _0, np.uintp(8 * full), lobes, sums)
 
 
 @inlined
-def _copy_block(source, block, target, at):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def copy_block(source, block, target, at):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
     """Copies four words per row. Indices are unsigned: LLVM does not join the copies if one may be negative."""
     for k in range(8):
         word = np.uintp(4 * k)

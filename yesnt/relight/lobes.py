@@ -178,6 +178,37 @@ _dielectric_narrow, _dielectric_broad = (_dielectric_lobe(lobe) for lobe in (_na
 _metal_narrow, _metal_broad = (_metal_lobe(lobe) for lobe in (_narrow, _broad))  # type: ignore[no-untyped-call]
 
 
+def _both_lobes(lobe):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Compiles the sum of both specular lobes, which share all but Fresnel, with `_narrow` or `_broad`."""
+
+    @kernel
+    def add(stored_frame, widen, rows, first, last, sums):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+        frame = load_frame(stored_frame)
+        view2, a2 = _twice_view(frame), frame.alpha * frame.alpha
+        view_term = smith_view_term(frame.cos_o, a2)
+        all_r = all_g = all_b = all_w = _ZERO
+        coat_r = coat_g = coat_b = coat_w = _ZERO
+        edge_r = edge_g = edge_b = edge_w = _ZERO
+        for t in range(first, last):
+            value, q = lobe(frame, view2, a2, view_term, _direction(rows, t), widen * rows[SPREAD, t])
+            coat, edge = value * fresnel_dielectric(q), value * fresnel_schlick_weight(q)
+            r, g, b, w = rows[RED, t], rows[GREEN, t], rows[BLUE, t], rows[SOLID_ANGLE, t]
+            all_r, all_g, all_b, all_w = all_r + value * r, all_g + value * g, all_b + value * b, all_w + value * w
+            coat_r, coat_g, coat_b, coat_w = coat_r + coat * r, coat_g + coat * g, coat_b + coat * b, coat_w + coat * w
+            edge_r, edge_g, edge_b, edge_w = edge_r + edge * r, edge_g + edge * g, edge_b + edge * b, edge_w + edge * w
+        sums[3], sums[4], sums[5], sums[17] = sums[3] + coat_r, sums[4] + coat_g, sums[5] + coat_b, sums[17] + coat_w
+        sums[6], sums[7] = sums[6] + all_r - edge_r, sums[7] + all_g - edge_g
+        sums[8], sums[18] = sums[8] + all_b - edge_b, sums[18] + all_w - edge_w
+        sums[9], sums[10], sums[11] = sums[9] + edge_r, sums[10] + edge_g, sums[11] + edge_b
+        sums[19] += edge_w
+
+    return add
+
+
+add_both_narrow, add_both_broad = (_both_lobes(lobe) for lobe in (_narrow, _broad))  # type: ignore[no-untyped-call]
+"""Add both specular lobes of texels [first, last) of rows [8, N] to lobe sums [20], times 2 pi: as `add_lobes`."""
+
+
 @kernel
 def add_lobes(stored_frame, widen, rows, first, last, lobes, sums):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
     """Adds the sums of `lobes` over texels to `sums`; the specular ones times 2 pi (see `scale_lobes`).

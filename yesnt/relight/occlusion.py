@@ -166,14 +166,24 @@ def trace_mirrored(
     Writes what that ray hits to `hits` [P, C], at the cluster that it points to. Returns the mirrored views [P, 3] and
     these clusters [P], -1 for pixels that are not sharp.
     """
+    own, along, found = mirrored_hits(proxy, origins, pixels, part, clusters)
+    sharp = np.flatnonzero(own >= 0)
+    hits[sharp, own[sharp]] = found[sharp]
+    return along, own
+
+
+def mirrored_hits(
+    proxy: ProxyScene, origins: F32, pixels: Pixels, part: slice, clusters: Clusters
+) -> tuple[I32, F32, I32]:
+    """The cluster [P] that the mirrored view of each sharp pixel points to, else -1, that view [P, 3], what it hits."""
     normal, view = pixels.normal[part], pixels.view[part]
-    own = np.full(len(normal), -1, dtype=np.int32)
+    own, found = np.full(len(normal), -1, dtype=np.int32), np.full(len(normal), OPEN, dtype=np.int32)
     along = (2 * (normal * view).sum(axis=1, keepdims=True) * normal - view).astype(np.float32)
     sharp = np.flatnonzero((pixels.roughness[part] < SHARP) & ((along * normal).sum(axis=1) > 0))
     if len(sharp):
         own[sharp] = clusters.nearest(along[sharp])
-        hits[sharp, own[sharp]] = proxy.first_hits(origins[sharp], along[sharp])
-    return along, own
+        found[sharp] = proxy.first_hits(origins[sharp], along[sharp])
+    return own, along, found
 
 
 def single_factor(

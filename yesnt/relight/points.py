@@ -28,6 +28,11 @@ for each of two axes (Kaplanyan et al. 2016, "Filtering distributions of normals
 the knot of the capture stage, 0.06 was best."""
 
 
+def widened(alpha: F32, turn: F32) -> F32:
+    """alpha_ggx [...] of a lobe that varies within a pixel, where the normal turns by `turn` [...], rad^2."""
+    return np.asarray(np.sqrt(np.square(alpha) + np.float32(_WITHIN) * turn))
+
+
 @dataclass(frozen=True)
 class Pixels:
     """The P shaded pixels of one frame.
@@ -82,7 +87,7 @@ class Pixels:
         metallic, alpha = self.metallic[part], alpha_ggx(self.roughness[part])
         default = brdf == "default"
         if default and self.turn is not None:
-            alpha = np.sqrt(np.square(alpha) + np.float32(_WITHIN) * self.turn[part])
+            alpha = widened(alpha, self.turn[part])
         return ShadingPoints(
             np.ascontiguousarray(self.normal[part].T),
             np.ascontiguousarray(self.view[part].T),

@@ -83,7 +83,7 @@ def list_horizon(start, cone, state, listed):  # type: ignore[no-untyped-def]  #
     """
     for c in range(state.cosine.shape[0]):
         listed.mask[c] = (state.hidden[c] == 0) & (abs(state.cosine[c]) <= cone[3, c])
-    return _list_blocks(start, state.finest, listed)
+    return list_blocks(start, state.finest, listed)
 
 
 @kernel
@@ -102,11 +102,11 @@ def list_visible(start, cone, state, level, listed):  # type: ignore[no-untyped-
     """
     for c in range(state.cosine.shape[0]):
         listed.mask[c] = (state.hidden[c] == 0) & (level[c] >= 0) & (state.cosine[c] > -cone[3, c])
-    return _list_blocks(start, level, listed)
+    return list_blocks(start, level, listed)
 
 
 @kernel
-def _list_blocks(start, level, listed):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def list_blocks(start, level, listed):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
     """Lists the blocks of masked clusters: more than FEW of one cluster as a run, else one by one.
 
     FEW numbers are always written: the branch predictor would miss the end of a loop of unknown length mostly.

@@ -1,15 +1,21 @@
+from dataclasses import replace
+
+import numba
 import numpy as np
+import pytest
 
 from tests.decompose.evidence.scenes import RELIGHT, inputs, smooth_light
+from yesnt.decompose.evidence import responses as responses_module
 from yesnt.decompose.evidence.observe import Sample, prepare_view, sample_view
-from yesnt.decompose.evidence.responses import CaptureScene, LitPoints, probe_points, responses
-from yesnt.decompose.evidence.settings import EvidenceSettings
+from yesnt.decompose.evidence.responses import CaptureScene, LitPoints, probe_points, responses, shares_levels
+from yesnt.decompose.evidence.settings import ROUGHNESS, EvidenceSettings
 from yesnt.decompose.evidence.triangles import proxy_size, shown_radiance
 from yesnt.relight.albedo import multiple_scattering
 from yesnt.relight.frame import prepare_capture
 from yesnt.relight.occlusion import Occluders, find_occluders
 from yesnt.relight.points import Pixels, gather_pixels
 from yesnt.relight.proxy import OPEN, ProxyScene
+from yesnt.relight.settings import RelightSettings
 
 SETTINGS = EvidenceSettings()
 MATERIALS = ((0.35, 0.0, (0.5, 0.2, 0.1)), (0.43, 1.0, (0.8, 0.6, 0.3)), (0.83, 0.5, (0.4, 0.4, 0.4)))
@@ -75,3 +81,64 @@ def test_a_sharp_lobe_sees_a_small_occluder_that_a_broad_one_misses() -> None:
     mirror, broad = (of.metal_f0 + of.metal_f90)[0, 0, :, 0]
     assert mirror > 1.5, "a cluster is one direction, whose lobe reaches into its neighbours"
     assert broad < 1.1
+
+
+@pytest.mark.parametrize("relight", [RELIGHT, RelightSettings(capture_texels=64, capture_clusters=16)])
+@pytest.mark.parametrize("curved", [False, True])
+def test_levels_that_are_summed_together_are_each_by_itself(relight, curved, monkeypatch) -> None:
+    """Occluded and open clusters, mirrored rays, curved pixels; many clusters and few, whose texels cut the horizon."""
+    random = np.random.default_rng(4)
+    points, sample, scene = beside_a_box(40, relight, random)
+    if curved:
+        turn = random.uniform(0, 0.3, 40).astype(np.float32)
+        points = replace(points, pixels=replace(points.pixels, turn=turn))
+    levels = np.array(ROUGHNESS)
+    together = responses(points, [sample], scene, levels)
+    monkeypatch.setattr(responses_module, "shares_levels", lambda settings: False)
+    alone = responses(points, [sample], scene, levels)
+    assert (points.hits != OPEN).any(axis=1).sum() > 20
+    for name, one, other in zip(together._fields, together, alone, strict=True):
+        np.testing.assert_allclose(one, other, rtol=2e-4, atol=2e-5, err_msg=name)
+    assert not together.diffuse[~sample.valid].any()
+
+
+def test_levels_are_summed_to_the_same_bits_in_any_number_of_threads() -> None:
+    points, sample, scene = beside_a_box(2100, RelightSettings(capture_texels=64, capture_clusters=16))
+    before = numba.get_num_threads()
+    found = []
+    for threads in (1, before):
+        numba.set_num_threads(threads)
+        found.append(responses(points, [sample], scene, np.array([0.2, 0.6])))
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_what_shares_no_levels_is_summed_level_by_level() -> None:
+    assert shares_levels(RELIGHT)
+    for other in ({"brdf": "paper"}, {"diffuse": "disney"}, {"engine": "torch"}):
+        assert not shares_levels(replace(RELIGHT, **other))
+
+
+def beside_a_box(count, relight, random=None):
+    """Points on a plane beside a box, some unseen, towards one camera under a smooth light with a box that glows."""
+    import trimesh
+
+    random = random or np.random.default_rng(1)
+    box = trimesh.creation.box((1.0, 1.0, 1.0))
+    proxy = ProxyScene.from_arrays(box.vertices, box.faces)
+    light = prepare_capture(smooth_light(0.8), relight)
+    origin = np.stack([random.uniform(0.55, 1.5, count), random.uniform(-1, 1, count), np.full(count, -0.4)], axis=1)
+    normal = random.normal(size=(count, 3)) * 0.3 + [0, 0, 1]
+    view = random.normal(size=(count, 3)) * 0.4 + [0.5, 0.2, 0.8]
+    origin, normal, view = (a.astype(np.float32) for a in (origin, _unit(normal), _unit(view)))
+    one = np.ones(count, np.float32)
+    pixels = Pixels(np.arange(count), (1, count), origin, normal, view, one, one)
+    hits = proxy.cluster_hits(origin, normal, light.clusters)
+    shown = np.concatenate([random.uniform(0, 2, (len(box.faces), 3)), np.zeros((1, 3))]).astype(np.float32)
+    scene = CaptureScene(light, Occluders(origin, proxy, None, np.zeros(count, np.int32), one), shown, relight)
+    black = np.zeros((count, 3), np.float32)
+    return LitPoints(pixels, origin, hits, one), Sample(black, black, random.random(count) < 0.9, view, one), scene
+
+
+def _unit(vectors):
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)

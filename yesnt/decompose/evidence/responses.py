@@ -15,13 +15,15 @@ from numpy.typing import NDArray
 from yesnt.decompose.evidence.observe import Sample
 from yesnt.decompose.evidence.records import Responses
 from yesnt.relight.albedo import energy_terms
-from yesnt.relight.brdf import F0_DIELECTRIC
+from yesnt.relight.brdf import F0_DIELECTRIC, alpha_ggx
 from yesnt.relight.combine import normalise
 from yesnt.relight.frame import lobe_engine
 from yesnt.relight.kernels import DIELECTRIC, IRRADIANCE, METAL_F0, METAL_F90
+from yesnt.relight.level_records import LevelPoints, LevelSums, LevelTerms
+from yesnt.relight.level_sums import sum_levels
 from yesnt.relight.lights import PreparedLight
-from yesnt.relight.occlusion import SHARP, Occluders, trace_mirrored
-from yesnt.relight.points import Pixels
+from yesnt.relight.occlusion import SHARP, Occluders, mirrored_hits, trace_mirrored
+from yesnt.relight.points import Pixels, widened
 from yesnt.relight.proxy import OPEN, ProxyScene
 from yesnt.relight.settings import RelightSettings
 from yesnt.relight.sparse import Band, sparse_hits
@@ -95,22 +97,34 @@ def probe_points(pixels: Pixels, few: NDArray[np.intp], scene: CaptureScene) -> 
 
 
 def responses(points: LitPoints, samples: list[Sample], scene: CaptureScene, levels: NDArray[np.floating]) -> Responses:
-    """Responses of P points towards V cameras for R levels of roughness; 0 where a camera does not see a point."""
+    """Responses of P points towards V cameras for R levels of roughness, ascending; 0 where a camera sees no point."""
     shape = len(points.hits), len(samples), len(levels)
     diffuse, dielectric, f0, f90 = (np.zeros((*shape, 3), dtype=np.float32) for _ in range(4))
     missing = np.zeros(shape, dtype=np.float32)
-    average = np.ones(len(levels), dtype=np.float32)
+    average, terms = np.ones(len(levels), dtype=np.float32), None
+    if shares_levels(scene.settings):
+        terms = LevelTerms.of(levels)
+        average[:] = terms.average
     for v, sample in enumerate(samples):
         seen = np.flatnonzero(sample.valid)
         if not len(seen):
             continue
         few = points.taken(seen)
         light = _ViewedLight(few, sample.towards[seen], sample.footprint[seen], scene)
+        if terms is not None:
+            sums = light.at_levels(levels, terms)
+            diffuse[seen, v], dielectric[seen, v], f0[seen, v], f90[seen, v], missing[seen, v] = sums
+            continue
         for r, level in enumerate(levels):
             found = light.response(float(level))
             diffuse[seen, v, r], dielectric[seen, v, r], f0[seen, v, r], f90[seen, v, r] = found.lobes
             missing[seen, v, r], average[r] = found.missing, found.average
     return Responses(diffuse, dielectric, f0, f90, missing, average)
+
+
+def shares_levels(settings: RelightSettings) -> bool:
+    """Whether relight/level_sums.py sums all levels at once: the defaults, on the processor."""
+    return (settings.engine, settings.brdf, settings.diffuse) == ("numba", "default", "lambert")
 
 
 def turned_responses(
@@ -171,7 +185,7 @@ class _ViewedLight:
         metallic = np.full(len(towards), _BOTH, np.float32)
         self._pixels = replace(p, view=towards, metallic=metallic, turn=turn)
         self._points = points
-        self._broad = self._occlusion(points.hits)
+        self._broad: tuple[NDArray[np.bool_], F32] | None = None
         self._sharp: tuple[NDArray[np.bool_], F32] | None = None
 
     def _occlusion(self, hits: I32) -> tuple[NDArray[np.bool_], F32]:
@@ -182,6 +196,8 @@ class _ViewedLight:
     def _occlusion_at(self, pixels: Pixels) -> tuple[NDArray[np.bool_], F32]:
         """The same at a roughness: sharp lobes trace a ray along the mirrored view."""
         if pixels.roughness[0] >= SHARP:
+            if self._broad is None:
+                self._broad = self._occlusion(self._points.hits)
             return self._broad
         if self._sharp is None:
             hits = self._points.hits.copy()
@@ -190,6 +206,21 @@ class _ViewedLight:
             trace_mirrored(self._scene.proxy, self._points.origins, pixels, whole, clusters, hits)
             self._sharp = self._occlusion(hits)
         return self._sharp
+
+    def at_levels(self, levels: NDArray[np.floating], terms: LevelTerms) -> LevelSums:
+        """Responses at all levels of roughness, ascending."""
+        p, scene, rough = self._pixels, self._scene, np.asarray(levels, np.float32)
+        alpha = np.repeat(alpha_ggx(rough)[None], len(p.index), axis=0)
+        if p.turn is not None:
+            alpha = widened(alpha, p.turn[:, None])
+        own = found = np.full(len(p.index), OPEN, np.int32)
+        if rough[0] < SHARP:
+            sharpest, whole = np.full(len(p.index), rough[0], np.float32), slice(0, len(p.index))
+            pixels = replace(p, roughness=sharpest)
+            own, _, found = mirrored_hits(scene.proxy, self._points.origins, pixels, whole, scene.light.clusters)
+        sharp = int(np.count_nonzero(rough < SHARP))
+        seen = LevelPoints(p.normal, p.view, alpha, self._points.hits, own, found, sharp)
+        return sum_levels(seen, scene.light, scene.shown, terms)
 
     def response(self, level: float) -> _Found:
         """Responses at one roughness."""

@@ -51,7 +51,7 @@ EVALUATION_TASKS = (
 )
 """Modules of the evaluation that run on workers; they know nothing of drivers and sessions."""
 
-CAPTURE_KERNELS = ("agreement", "carving", "consistent", "hull", "matting", "reduced", "undistort", "volume")
+CAPTURE_KERNELS = ("agreement", "carving", "consistent", "hull", "matting", "reduced", "undistort", "usable", "volume")
 """Modules of capture/ that are pure functions of arrays."""
 
 MODULES = {

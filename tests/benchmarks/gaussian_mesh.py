@@ -1,7 +1,8 @@
 """The proxy mesh of a fitted field against the true surface and the visual hull.
 
-`python -m tests.benchmarks.gaussian_mesh SUBJECT FIELD.ply [--frame N]` takes a subject of the stage's multi-view set
-(docs/stage.md) and its field. Distances are of the subject's height; the truth is what some camera sees.
+`python -m tests.benchmarks.gaussian_mesh SUBJECT FIELD.ply [--frame N] [--default] [--keep DIR]` takes a subject of the
+stage's multi-view set (docs/stage.md) and its field. Distances are of the subject's height; the truth is what some
+camera sees.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from yesnt.io.cameras import read_cameras
 from yesnt.io.exr import read_planes
 from yesnt.io.gaussian_ply import read_field
 from yesnt.io.mesh import Mesh, read_mesh
+from yesnt.io.mesh_files import write_ply
 
 SAMPLES = 40_000
 Cameras = list[tuple[Camera, int | None]]
@@ -70,7 +72,9 @@ def hull_mesh(folder: Path, cameras: dict[str, tuple[Camera, int | None]], frame
     return visual_hull(views).mesh()
 
 
-def measure(folder: Path, field_file: Path, frame: int, settings: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def measure(
+    folder: Path, field_file: Path, frame: int, settings: list[dict[str, Any]], keep: Path | None = None
+) -> list[dict[str, Any]]:
     """Rows of the table: the hull, then the level set by each of the settings."""
     import trimesh
 
@@ -81,12 +85,15 @@ def measure(folder: Path, field_file: Path, frame: int, settings: list[dict[str,
     points = trimesh.sample.sample_surface(surface, SAMPLES, seed=1)[0]
     points = points[seen(points, truth, list(cameras.values()))]
     height = float(np.ptp(truth.vertices, axis=0).max())
-    rows = [{"mesh": "visual hull", **chamfer(*hull_mesh(folder, cameras, frame), points, height)}]
+    hull = hull_mesh(folder, cameras, frame)
+    _keep(keep, "hull", *hull)
+    rows = [{"mesh": "visual hull", **chamfer(*hull, points, height)}]
     field = read_field(field_file)
     for knobs in settings:
         began = time.process_time()
         mesh = extract_mesh(field, list(cameras.values()), MeshSettings(**knobs))
         took = time.process_time() - began
+        _keep(keep, f"mesh{len(rows)}", mesh.vertices, mesh.faces)
         found_mesh = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
         facts = {
             "triangles": len(mesh.faces),
@@ -97,14 +104,22 @@ def measure(folder: Path, field_file: Path, frame: int, settings: list[dict[str,
     return rows
 
 
+def _keep(folder: Path | None, name: str, vertices: np.ndarray, faces: np.ndarray) -> None:
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_ply(folder / f"{name}.ply", np.asarray(vertices, np.float32), np.asarray(faces, np.int32))
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("subject", type=Path)
     parser.add_argument("field", type=Path)
     parser.add_argument("--frame", type=int, default=1001)
+    parser.add_argument("--default", action="store_true", help="the default settings alone")
+    parser.add_argument("--keep", type=Path, help="folder for the hull and the meshes as PLY")
     given = parser.parse_args()
     settings: list[dict[str, Any]] = [{}, {"smoothing": 5}, {"level": 0.7}, {"triangles": 5000}]
-    for row in measure(given.subject, given.field, given.frame, settings):
+    for row in measure(given.subject, given.field, given.frame, settings[: 1 if given.default else None], given.keep):
         print(json.dumps(row))
 
 

@@ -11,7 +11,8 @@ from tests.tiny_shot import write_tiny_shot
 from yesnt.inspect.sampling_cost import sampling_cost
 from yesnt.io.store import FrameStore
 from yesnt.planning.stages import DECOMPOSE, FLOW
-from yesnt.runtime.session import Missing, Session
+from yesnt.runtime.left_out import Missing
+from yesnt.runtime.session import Session
 
 KEYFRAMED = {"backend": "embedded", "samples": 2, "knobs": {"keyframe_step": 3, "steps": 1}}
 

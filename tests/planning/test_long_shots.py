@@ -15,7 +15,8 @@ from yesnt.inspect.forecast import forecast
 from yesnt.inspect.frame_states import states
 from yesnt.planning.graph import Graph
 from yesnt.planning.stages import DECOMPOSE
-from yesnt.runtime.session import Missing, Session
+from yesnt.runtime.left_out import Missing
+from yesnt.runtime.session import Session
 from yesnt.workflows.shot import shot_graph
 
 SMALL, HD = (64, 48), (1920, 1080)

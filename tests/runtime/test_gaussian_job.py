@@ -125,6 +125,13 @@ def test_jobs_that_contradict_themselves_are_refused(tmp_path: Path) -> None:
         Session(job)
 
 
+@pytest.mark.parametrize("section", [{"device": "cuda"}, {"knobs": {"device": "cuda"}}])
+def test_a_gpu_for_fields_is_refused_by_name(tmp_path: Path, section: dict[str, Any]) -> None:
+    with pytest.raises(JobError, match="`device` is not known: fields are fitted, rendered and meshed on the CPU"):
+        Session(write_field_shot(tmp_path, 1, gaussians={"path": "field.####.ply"} | section))
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_field_that_the_camera_does_not_see_is_refused_before_work(tmp_path: Path) -> None:
     job = write_field_shot(tmp_path, 1)
     write_field(tmp_path / "field.1001.ply", moved(shell(50, RADIUS), 40.0))

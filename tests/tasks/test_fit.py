@@ -22,7 +22,7 @@ from yesnt.gaussians.field import GaussianField
 from yesnt.gaussians.settings import FitSettings
 from yesnt.inspect.forecast import forecast
 from yesnt.io.exr import read_planes, write_exr
-from yesnt.planning.builders.gaussians import keyframe_of
+from yesnt.planning.builders.gaussians import starts_of
 from yesnt.planning.stages import FIT
 from yesnt.report import write_report
 from yesnt.report.fits import fit_picture
@@ -186,7 +186,9 @@ def test_mattes_that_agree_nowhere_are_refused(tmp_path: Path) -> None:
     job = write_capture_shot(tmp_path, 1)
     for path in (tmp_path / "capture").rglob("*.exr"):
         write_exr(path, {name: np.zeros((SIDE, SIDE), np.float16) for name in "RGBA"})
-    with pytest.raises(JobError, match=r"The capture cannot be fitted in frame 1001: .*agree nowhere in space"):
+    with pytest.raises(
+        JobError, match="cannot be fitted in frame 1001: Camera c00 is not used in this frame: its matte is empty"
+    ):
         forecast(Session(job))
 
 
@@ -194,7 +196,13 @@ def test_mattes_that_agree_nowhere_are_refused(tmp_path: Path) -> None:
     ("every", "expected"), [(1, [None] * 6), (4, [None, 0, 0, 4, None, 4]), (8, [None, 0, 0, 0, 0, 0])]
 )
 def test_each_frame_has_the_nearest_keyframe(every: int, expected: list[int | None]) -> None:
-    assert [keyframe_of(range(6), position, every) for position in range(6)] == expected
+    assert starts_of(range(6), every) == dict(enumerate(expected))
+
+
+def test_the_next_frame_takes_the_place_of_a_keyframe_that_is_lost() -> None:
+    assert starts_of(range(10, 19), 4, {10, 14}) == {11: None, 12: 11, 13: 11, 15: None, 16: 15, 17: 18, 18: None}
+    assert starts_of(range(6), 2, {2, 3}) == {0: None, 1: 0, 4: None, 5: 4}
+    assert starts_of(range(3), 1, {0, 1, 2}) == {}
 
 
 def test_one_camera_in_twelve_is_held_out() -> None:

@@ -11,6 +11,7 @@ from yesnt.capture.agreement import estimate_gains, estimate_offsets, find_mista
 from yesnt.capture.hull import Hull, Silhouette, required_views, visual_hull
 from yesnt.capture.pictures import read_silhouette, read_view
 from yesnt.capture.reduced import reduced_camera, reduced_image
+from yesnt.capture.usable import enough, faults_of
 from yesnt.capture.volume import Posed, common_volume, has_in_picture, looked_at
 from yesnt.core.errors import JobError
 from yesnt.core.shot import Job
@@ -66,6 +67,12 @@ def report_capture(job: Job, frame: int, reach: int = 0) -> CaptureReport:
     if problems:  # pictures say nothing before these are mended
         return CaptureReport(tuple(problems), {}, {}, None, len(cameras))
     views = _read(job, cameras, frame)
+    faults = faults_of(views)
+    problems += [_of_fault(name, fault) for name, fault in faults.items()]
+    sizes = {view.name: (view.matte.size, _crop_pixels(view.matte)) for view in views}
+    views = [view for view in views if view.name not in faults]
+    if not enough(len(views), len(cameras)):
+        return CaptureReport(tuple(problems), {}, {}, None, len(cameras), sizes)
     silhouettes = [_reduced(view) for view in views]
     problems += [finding.text for finding in find_mistakes(silhouettes)]
     hull = visual_hull(silhouettes)
@@ -77,7 +84,6 @@ def report_capture(job: Job, frame: int, reach: int = 0) -> CaptureReport:
     gains = {} if hull.empty else estimate_gains(hull.points, hull.normals, _pairs(views))
     problems += _of_gains(gains)
     size = None if hull.empty else tuple(float(v) for v in np.ptp(hull.points, axis=0))
-    sizes = {view.name: (view.matte.size, _crop_pixels(view.matte)) for view in views}
     return CaptureReport(tuple(problems), offsets, gains, size, len(cameras), sizes)
 
 
@@ -133,6 +139,10 @@ def _not_upright(cameras: Mapping[str, CalibratedCamera], frame: int) -> str | N
         f"The tops of the pictures point along {said} of the world, whose Z must point up. "
         f"Do: set `capture.up` (now the calibration's {said} is up), or leave it if the cameras are mounted so."
     )
+
+
+def _of_fault(name: str, fault: str) -> str:
+    return f"Camera {name} is not used in this frame: {fault}. Do: mend its picture or its matte."
 
 
 def _of_size(hull: Hull, where: str) -> Iterator[str]:

@@ -32,11 +32,11 @@ def background_files(job: Job, name: str) -> dict[str, Path]:
         return {}
     if (pattern := capture.matting.clean_plates) is not None:
         return {f"clean {name}": pattern_file(job.root, pattern.replace(CAMERA, name), 0)}
-    frames = spread(len(job.frames), MOST_SAMPLES)
-    paths = [camera_files(job.root, capture, name, job.frames[i])[VIEW] for i in frames]
+    frames = [job.all_but()[i] for i in spread(len(job.all_but()), MOST_SAMPLES)]
+    paths = [camera_files(job.root, capture, name, frame)[VIEW] for frame in frames]
     if is_video(paths[0]):
         return {f"background {name}": paths[0]}
-    return {f"background {name} {job.frames[i]}": path for i, path in zip(frames, paths, strict=True)}
+    return {f"background {name} {frame}": path for frame, path in zip(frames, paths, strict=True)}
 
 
 def spread(count: int, most: int) -> list[int]:

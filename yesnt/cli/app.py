@@ -155,7 +155,7 @@ def explain(shot: ShotArgument, frame: int, json: JsonOption = False) -> None:
     from yesnt.inspect.explain import explain as find
     from yesnt.runtime.session import Session
 
-    found = find(Session(shot, progress=FileProgress()), frame)
+    found = find(Session(shot, progress=FileProgress(), as_run=True), frame)
     if json:
         rows = [{"stage": s.stage, "state": s.state, "causes": s.causes, "follows": s.follows} for s in found]
         text.print_json({"frame": frame, "stages": rows})
@@ -183,7 +183,7 @@ def retry(
     from yesnt.runtime.session import Session
 
     where = read_cluster(cluster, workers, insecure)
-    forget(Session(shot), stage or list(STAGES), frames)
+    forget(Session(shot, as_run=True), stage or list(STAGES), frames)
     return _drive(Session(shot), RunOptions(cluster=where), json)
 
 
@@ -202,7 +202,7 @@ def verify(
     from yesnt.runtime.run_options import RunOptions
     from yesnt.runtime.session import Session
 
-    session = Session(shot)
+    session = Session(shot, as_run=True)
     damage = find(session)
     if json and not repair:
         text.print_json({"damaged": [asdict(found) for found in damage]})
@@ -224,7 +224,7 @@ def report(shot: ShotArgument) -> None:
     from yesnt.report import write_report
     from yesnt.runtime.session import Session
 
-    print(f"Report: {write_report(Session(shot))}")
+    print(f"Report: {write_report(Session(shot, as_run=True))}")
 
 
 @app.command()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from yesnt.core.job_part import Knob, Part
 
@@ -31,6 +31,19 @@ class GaussianInput(Part):
     every: Annotated[int, Field(ge=1, le=4096)] = 8
     held_out: Annotated[int, Field(ge=0, le=64)] | None = None
     knobs: dict[str, Knob] = Field(default_factory=dict)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_device(cls, data: Any) -> Any:
+        """Refuses a device by name: users of other programs choose a GPU so."""
+        given = data if isinstance(data, Mapping) else {}
+        knobs = given.get("knobs")
+        if "device" in given or (isinstance(knobs, Mapping) and "device" in knobs):
+            raise ValueError(
+                "`device` is not known: fields are fitted, rendered and meshed on the CPU. Leave it out; fields that "
+                "were fitted on a GPU (gsplat, nerfstudio, Inria's program) are read by `path: field.####.ply`"
+            )
+        return data
 
 
 def held_out_of(names: Sequence[str], count: int | None) -> tuple[str, ...]:

@@ -353,6 +353,8 @@ class Job(Part):
         raster: windows and pixel aspect ratio of the plates; None: all pictures are as large as the camera's.
         colors: how colours are converted on the way in and out.
         scene: what Blender says of the scene that is the set; None: there is none.
+        left_out: (frame, stage) of frames that are not in `frames`, since the stage could not make what they are read
+            from; ascending.
     """
 
     shot: Shot
@@ -363,6 +365,12 @@ class Job(Part):
     raster: Raster | None = None
     colors: JobColors = JobColors()
     scene: SceneFacts | None = None
+    left_out: tuple[tuple[int, str], ...] = ()
+
+    def all_but(self, *stages: str) -> tuple[int, ...]:
+        """All frames of the shot, left out or not, but for those that one of these stages could not make; ascending."""
+        back = [frame for frame, stage in self.left_out if stage not in stages]
+        return tuple(sorted((*self.frames, *back))) if back else self.frames
 
     @property
     def window(self) -> Window:

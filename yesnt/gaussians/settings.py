@@ -59,13 +59,13 @@ class FitSettings:
     weights: LossWeights = LossWeights()  # noqa: RUF009 (frozen)
 
     def following(self, steps: int = 800) -> FitSettings:
-        """For a frame that starts from the field of a neighbouring one: half resolution only if always, no splitting.
+        """For a frame that starts from the field of a neighbouring one: half resolution only if always.
 
         Args:
             steps: of such a frame; never more than a first frame takes.
         """
         steps = min(steps, self.steps)
         return replace(
-            self, steps=steps, half=float(self.half == 1), split_from=1.0, split_until=1.0, geometry_from=0.0,
-            position_rate=self.position_rate / 2, every=steps + 1,
+            self, steps=steps, half=float(self.half == 1), split_from=0.0, geometry_from=0.0,
+            position_rate=self.position_rate / 2,
         )  # fmt: skip

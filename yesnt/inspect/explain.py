@@ -13,7 +13,7 @@ def explain(session: Session, frame: int) -> list[FrameState]:
     Raises:
         UsageError: the shot has no such frame.
     """
-    if frame not in session.job.frames:
+    if frame not in session.job.all_but():
         raise UsageError(
             f"The shot has no frame {frame}", "explain FRAME", session.job.shot.frames, "choose among these"
         )

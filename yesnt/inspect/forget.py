@@ -18,7 +18,7 @@ def forget(session: Session, stages: list[str], frames: str | None) -> int:
     unknown = sorted(set(stages) - set(STAGES))
     if unknown:
         raise UsageError(f"No stage {unknown[0]!r}", "--stage", f"one of {', '.join(STAGES)}", "check its spelling")
-    wanted = set(session.job.frames if frames is None else parse_frames(frames, "--frames"))
+    wanted = set(session.job.all_but() if frames is None else parse_frames(frames, "--frames"))
     with session.output.lock():
         return _forget_marks(session, stages, wanted) + _forget_records(session, stages, wanted)
 

@@ -9,6 +9,7 @@ from yesnt.inspect.differences import Differences, differences
 from yesnt.io.record_index import Entry, RecordIndex
 from yesnt.planning.graph import Graph, Node
 from yesnt.planning.stages import stage_of
+from yesnt.runtime.left_out import LeftOut
 from yesnt.runtime.session import Session
 
 DONE, STALE, WAITING, DEAD = "done", "stale", "waiting", "dead"
@@ -44,8 +45,15 @@ def states(session: Session, graph: Graph | None = None, index: RecordIndex | No
     graph, index = graph or session.graph(), index or session.open_index()
     compare = _Comparison()
     found = [_state(index, compare, node, frame) for node in graph for frame in node.frames if not node.transient]
-    dead = session.marked_dead().items()
-    return found + [FrameState(stage.label, frame, DEAD, (why,)) for (stage, frame), why in dead]
+    dead = {(stage.label, frame): why for (stage, frame), why in session.marked_dead().items()}
+    lost, reasons = session.job.left_out, LeftOut.read(session.output.run).reasons
+    found += [_left_out(stage, frame, reasons[frame]) for frame, stage in lost if (stage, frame) not in dead]
+    return found + [FrameState(stage, frame, DEAD, (why,)) for (stage, frame), why in dead.items()]
+
+
+def _left_out(stage: str, frame: int, reason: str) -> FrameState:
+    """A frame that the last run could not make: the next one tries again."""
+    return FrameState(stage, frame, WAITING, (f"the last run went on without it: {reason}",))
 
 
 def _state(index: RecordIndex, compare: _Comparison, node: Node, frame: int) -> FrameState:

@@ -77,13 +77,15 @@ def status(path: str | Path, progress: Progress = no_progress) -> StatusReport:
     if remembered is not None:
         return StatusReport.from_json(remembered)
     from yesnt.inspect.frame_states import states
+    from yesnt.runtime.left_out import left_out_path
     from yesnt.runtime.session import Session
 
-    session = Session(path, progress=progress)
+    session = Session(path, progress=progress, as_run=True)
     index = session.open_index()
     report = summarize(states(session, index=index))
     index.save()
-    memory.keep(report.as_json(), [*session.resolved.files, *index.files(session.output.root)])
+    note = str(left_out_path(session.output.run))
+    memory.keep(report.as_json(), [note, *session.resolved.files, *index.files(session.output.root)])
     return report
 
 

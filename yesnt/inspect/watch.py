@@ -28,9 +28,9 @@ class Watch:
     """
 
     def __init__(self, path: str | Path) -> None:
-        self._session = Session(path)
+        self._path, self._session = path, Session(path, as_run=True)
         job = self._session.job
-        self.grid = FrameGrid(job.frames, job.width * job.height / 1e6)
+        self.grid = FrameGrid(job.all_but(), job.width * job.height / 1e6)
         self._log = EventLog(self._session.output.events)
         self._lay_out()
 
@@ -46,6 +46,8 @@ class Watch:
         for event in self._log.read():
             changed = True
             if event["event"] == "plan":  # a new run, or a pass without the frames that were lost
+                if self._session.resolved.awaiting or self._session.job.left_out:  # another part of the job begins
+                    self._session = Session(self._path, as_run=True)
                 self._lay_out()
             else:
                 self.grid.apply(event)

@@ -51,6 +51,7 @@ class ShotPlan:
         views: frame -> cameras of the capture that measure it; empty if none do (capture/plan.py).
         awaiting: what is still to be made before the rest is known of: `MATTES`, or `VIEWS` (plates and what belongs to
             them, from Gaussian fields).
+        unfitted: frames whose fit failed in an earlier pass.
     """
 
     job: Job
@@ -62,6 +63,7 @@ class ShotPlan:
     undelivered: frozenset[int] = frozenset()
     views: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
     awaiting: Awaiting = ""
+    unfitted: frozenset[int] = frozenset()
 
     @cached_property
     def present(self) -> tuple[int, ...]:

@@ -88,7 +88,7 @@ _ROWS = (
         files=("mattes (PNG)", "backgrounds (EXR)"), optional=True,
     ),
     Stage(
-        "fit", 3, "frame", "pictures of the capture's cameras; between keyframes also a keyframe's field (only jobs "
+        "fit", 4, "frame", "pictures of the capture's cameras; between keyframes also a keyframe's field (only jobs "
         "that fit Gaussians)",
         Cost(200.0, 0.0, 900, 0, 0), "#5b4a2f",
         {records.FitTask: "yesnt.tasks.fit:fit_field"},

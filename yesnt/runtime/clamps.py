@@ -7,9 +7,9 @@ from collections.abc import Iterable
 
 from yesnt.io.record_index import RecordIndex
 from yesnt.planning.graph import Graph
-from yesnt.planning.stages import COMPOSITE, CORRECT, EVIDENCE, RELIGHT
+from yesnt.planning.stages import COMPOSITE, CORRECT, EVIDENCE, FIT, RELIGHT
 
-CLAMPING = (EVIDENCE, CORRECT, RELIGHT, COMPOSITE)
+CLAMPING = (FIT, EVIDENCE, CORRECT, RELIGHT, COMPOSITE)
 """Stages whose records count what was clamped or left out (`facts["clamped"]`)."""
 
 

@@ -86,8 +86,8 @@ def wanted_frames(job: Job, text: str | None, where: str = "--frames") -> tuple[
     Raises:
         UsageError: no range, or frames that the shot has not.
     """
-    wanted = job.frames if text is None else frames_in_order(text, where)
-    unknown = sorted(set(wanted) - set(job.frames))
+    wanted = job.all_but() if text is None else frames_in_order(text, where)
+    unknown = sorted(set(wanted).difference(job.all_but()))
     if unknown:
         raise UsageError(f"The shot has no frame {unknown[0]}", where, job.shot.frames, "choose among these")
     return tuple(wanted)

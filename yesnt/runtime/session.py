@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from yesnt.core.job_progress import Progress, no_progress
-from yesnt.core.stage_id import StageId
 from yesnt.io.color_config import convert
 from yesnt.io.dead_marks import DeadMarks, Marks
 from yesnt.io.durable import sweep_partials
@@ -35,11 +34,13 @@ from yesnt.runtime.checks.inputs import InputChecks
 from yesnt.runtime.checks.preflight import Resolved, resolve
 from yesnt.runtime.clamps import clamp_lines
 from yesnt.runtime.cluster.lazy_cluster import LazyCluster
+from yesnt.runtime.cluster.precompile import used_stages
 from yesnt.runtime.control.submission import submission_of_this_process
 from yesnt.runtime.driver.driver import Driver, Outcome, is_done
 from yesnt.runtime.driver.supervisor import Supervisor, Watched
 from yesnt.runtime.launchers.spec import ClusterSpec
 from yesnt.runtime.launchers.table import check_cluster, launcher_of
+from yesnt.runtime.left_out import NOTHING_MISSING, LeftOut, Missing, frames_before_gaps, left_out
 from yesnt.runtime.live_grid import LiveGrid
 from yesnt.runtime.run_log import RunLog, open_run_log
 from yesnt.runtime.run_options import (
@@ -59,17 +60,6 @@ from yesnt.workflows.shot import shot_graph
 Listener = Callable[[Mapping[str, Any]], None]
 
 
-@dataclass(frozen=True)
-class Missing:
-    """Frames that could not be made: (stage, frame) -> reason."""
-
-    reasons: Mapping[tuple[StageId, int], str]
-
-    def frames(self, *stages: str) -> frozenset[int]:
-        """Frames missing from any of these stages."""
-        return frozenset(frame for stage, frame in self.reasons if stage.name in stages)
-
-
 class Session:
     """A resolved job and its output folder.
 
@@ -77,22 +67,35 @@ class Session:
         path: the job file or its folder.
         accept_license: licences that the user accepts beside those that the job names.
         progress: called while input files are hashed and checked.
+        as_run: frames that the last run had to leave out are left out, so that the others' state is seen; for verbs
+            that only look. A run tries these frames again.
     """
 
     def __init__(
-        self, path: str | Path, accept_license: tuple[str, ...] = (), progress: Progress = no_progress
-    ) -> None:
+        self, path: str | Path, accept_license: tuple[str, ...] = (), progress: Progress = no_progress,
+        as_run: bool = False,
+    ) -> None:  # fmt: skip
         self._resolve = partial(resolve, path, accept_license, progress)
         self.progress = progress
+        self.take_all_frames()
+        if as_run and self.resolved.awaiting and (left := LeftOut.read(self.output.run).of(self.job.frames)):
+            self._take(self._resolve(left_out=left))
+            self._look_for_stale()
+            if self.resolved.awaiting:  # what the other frames need is not there either
+                self.take_all_frames()
+
+    def take_all_frames(self) -> None:
+        """Takes the job with all of its frames, those that the last run left out included."""
         self._take(self._resolve())
         self._look_for_stale()
 
     def _look_for_stale(self) -> None:
         """Finds out whether what the run makes for itself is there but out of date."""
+        left = dict(self.job.left_out)
         if self.job.shot.matted is not None and self.resolved.awaiting != MATTES and not self._made(matte_nodes):
-            self._take(self._resolve(awaiting=MATTES))
+            self._take(self._resolve(awaiting=MATTES, left_out=left))
         elif self.job.shot.made and not self.resolved.awaiting and not self._made(gaussian_nodes):
-            self._take(self._resolve(awaiting=VIEWS))
+            self._take(self._resolve(awaiting=VIEWS, left_out=left))
 
     def _take(self, resolved: Resolved) -> None:
         """Takes a job as it is resolved now, and forgets what was derived from it as it was before."""
@@ -110,12 +113,21 @@ class Session:
         index = self.open_index()
         return all(is_done(index, node) for node in nodes(self.plan()))
 
-    def look_again(self) -> None:
-        """Resolves the job once more, after pictures that it reads were made."""
+    def look_again(self, missing: Missing = NOTHING_MISSING) -> bool:
+        """Resolves the job once more, after pictures that it reads were made, as far as they could be.
+
+        Returns:
+            Whether any frame is left.
+        """
         before = self.resolved.awaiting
-        self._take(self._resolve())
+        left = left_out(self.job, before, self.plan(missing), missing, self.open_index())
+        left.write(self.output.run)
+        if not set(self.job.frames).difference(left.stages):
+            return False
+        self._take(self._resolve(left_out=left.stages))
         self._look_for_stale()
         refuse_unchanged(before, self.resolved.awaiting, self.job.root)
+        return True
 
     def refuse_awaiting(self) -> None:
         """Refuses a job whose plates are still to be made from Gaussian fields, for verbs that read plates.
@@ -164,17 +176,19 @@ class Session:
         return self._graph_without(*self._lost(missing))
 
     def _lost(self, missing: Missing | None) -> tuple[frozenset[int], ...]:
-        """Frames without decomposition, without flow, and without delivery."""
+        """Frames without decomposition, without flow, without delivery, and without a fit."""
         missing = missing or Missing(self.marked_dead())
         undelivered = missing.frames("confidence", "solve", "relight", "composite")
-        return missing.frames("decompose", "window", "evidence", "correct"), missing.frames("flow"), undelivered
+        unlinked = missing.frames("flow") | frames_before_gaps(self.job)
+        absent = missing.frames("decompose", "window", "evidence", "correct")
+        return absent, unlinked, undelivered, missing.frames("fit")
 
     def _make_plan(self, *lost: frozenset[int]) -> ShotPlan:
         resolved = self.resolved
-        absent, unlinked, undelivered = lost
+        absent, unlinked, undelivered, unfitted = lost
         return ShotPlan(
             self.job, resolved.digests, resolved.backend, self.chunks, absent, unlinked, undelivered,
-            resolved.capture.views, resolved.awaiting,
+            resolved.capture.views, resolved.awaiting, unfitted,
         )  # fmt: skip
 
     def targets(self, graph: Graph, options: RunOptions) -> list[NodeId]:
@@ -213,13 +227,18 @@ class Session:
             YesntError: bad input, a full disk, a lost scheduler.
         """
         where = self.check_cluster(options.cluster)
+        if self.job.left_out:
+            self.take_all_frames()
         graph = self.graph()
         wanted = graph.closure(self.targets(graph, options))  # wrong options are refused before anything is written
         warnings = self.checks.form()
         result = RunResult(warnings=warnings, notes=self.checks.notes, output=self.output.root)
         forced = [parse_force(self.job, text) for text in options.force]
         index = self.open_index()
-        with LazyCluster(where, worker_modules(self.job.shot)) as cluster:
+        awaiting = self.resolved.awaiting
+        to_come = bool(awaiting) and not ends_with(awaiting, options.until)
+        stages = used_stages(self.job.shot, wanted, to_come)
+        with LazyCluster(where, worker_modules(self.job.shot), stages) as cluster:
             if forced or any(not node.transient and not is_done(index, node) for node in wanted):
                 cluster.begin(listen)
             result.warnings += self.checks.content()
@@ -244,6 +263,7 @@ class Session:
             owner = str(state.owner or "an unknown process")
             run.tell({"event": "taken_over", "time": time.time(), "owner": owner})
         self.remember()
+        LeftOut().write(self.output.run)
         sweep_partials(self.output.root)
         self.book.keep_only(self.job.frames)
         for force in forced:
@@ -261,9 +281,9 @@ class Session:
         while self.resolved.awaiting:
             while self._pass(run):
                 pass
-            if run.result.missing or ends_with(self.resolved.awaiting, run.options.until):
+            ends = ends_with(self.resolved.awaiting, run.options.until)
+            if ends or not self.look_again(Missing(dict(run.result.missing))):
                 return
-            self.look_again()
             run.result.notes = self.checks.notes
             found = self.checks.form(beside_others=True) + self.checks.content()
             run.result.warnings = list(dict.fromkeys([*run.result.warnings, *found]))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from yesnt.capture.files import camera_files
 from yesnt.capture.pictures import read_view
+from yesnt.capture.usable import ENOUGH, enough, faults_of, said_of
 from yesnt.core.color import srgb_encode
 from yesnt.core.color_spaces import INTEROP_OF, PRIMARIES, matrix_to_rec709
 from yesnt.core.errors import JobError
@@ -33,16 +34,18 @@ from yesnt.tasks.workspace import Workspace
 F32 = NDArray[np.float32]
 
 NOT_FINITE = "fit: pixels of the capture that are NaN or infinite and left out of the fit"
+UNUSED = "fit: cameras left out of a frame, since their matte is empty, or their picture black or damaged"
 
 
 @dataclass(frozen=True)
 class _Capture:
-    """The pictures of a frame: all that were seen, and the targets of the fit and of its measure."""
+    """The pictures that are used, the targets of the fit and of its measure, and what is wrong with other pictures."""
 
     seen: Sequence[Seen]
     targets: Sequence[Target]
     held_out: Sequence[Target]
     damaged: int
+    faults: Mapping[str, str]
 
     @property
     def shown(self) -> Target:
@@ -72,13 +75,23 @@ def fit_field(space: Workspace[FitTask]) -> None:
                 _keep(space, state.to_arrays())
     path = frame_path(space.output.root, FIELD, space.frame)
     write_field(path, state.gaussians)
-    facts = dict(looks[-1]) | ({"clamped": {NOT_FINITE: capture.damaged}} if capture.damaged else {})
-    commit_files(space, [path], facts)
+    commit_files(space, [path], dict(looks[-1]) | _left_out(capture))
     _checkpoint(space).unlink(missing_ok=True)
 
 
+def _left_out(capture: _Capture) -> dict[str, Any]:
+    """What a record says of pixels and cameras that the fit did without."""
+    counts = {NOT_FINITE: capture.damaged, UNUSED: len(capture.faults)}
+    clamped = {what: count for what, count in counts.items() if count}
+    return ({"clamped": clamped} if clamped else {}) | ({"unused": dict(capture.faults)} if capture.faults else {})
+
+
 def _read_capture(space: Workspace[FitTask]) -> _Capture:
-    """Pictures of the task's cameras, each proved to be the file that the node's key names."""
+    """Pictures of the task's cameras, each proved to be the file that the node's key names.
+
+    Raises:
+        JobError: too few of them can be used.
+    """
     job, frame, known, task = space.job, space.frame, space.node.inputs, space.task
     capture = job.shot.capture
     assert capture is not None
@@ -90,12 +103,25 @@ def _read_capture(space: Workspace[FitTask]) -> _Capture:
                 prove_input(path, known[f"{role} {name}"])
         for role, path in calibration_roles(job.root, capture).items():
             prove_input(path, known[role])
+    faults = faults_of(seen.values())
+    fitted, measured = ([seen[name] for name in names if name not in faults] for names in (task.cameras, task.held_out))
+    if not enough(len(fitted), len(task.cameras)):
+        raise _too_few(frame, len(fitted), len(task.cameras), faults)
     working = job.shot.color.working
-    damaged = sum(int(((~np.isfinite(one.radiance).all(-1)) & (one.matte > 0)).sum()) for one in seen.values())
-    targets = [_target(seen[name], working) for name in task.cameras]
-    held_out = [_target(seen[name], working) for name in task.held_out]
+    damaged = sum(int(((~np.isfinite(one.radiance).all(-1)) & (one.matte > 0)).sum()) for one in (*fitted, *measured))
+    targets = [_target(one, working) for one in fitted]
+    held_out = [_target(one, working) for one in measured]
     held_out = [target for target in held_out if (target.matte > INSIDE).any()]  # else there is nothing to measure
-    return _Capture([seen[name] for name in task.cameras], targets, held_out, damaged)
+    return _Capture(fitted, targets, held_out, damaged, faults)
+
+
+def _too_few(frame: int, usable: int, cameras: int, faults: Mapping[str, str]) -> JobError:
+    return JobError(
+        f"Frame {frame} cannot be fitted: the pictures of only {usable} of {cameras} cameras can be used",
+        f"capture, frame {frame}: {said_of(faults)}",
+        f"pictures and mattes of at least {100 * ENOUGH:.0f} % of the cameras",
+        f"mend these pictures or mattes and run again, or `yesnt skip SHOT --frames {frame} --stage fit`",
+    )  # fmt: skip
 
 
 def _target(seen: Seen, working: str) -> Target:
@@ -113,8 +139,8 @@ def _begin(space: Workspace[FitTask], capture: _Capture) -> Any:
     """The state before the first step: discs on the visual hull, or a keyframe's field moved onto it."""
     from yesnt.capture.hull import Silhouette, visual_hull
     from yesnt.gaussians.fit_state import FitState
+    from yesnt.gaussians.following import continued
     from yesnt.gaussians.initial import discs, extent, pixel_width
-    from yesnt.gaussians.rigid import moved, rigid_motion
 
     settings, key = of.fit_settings(space.job.shot), space.task.keyframe
     hull = visual_hull([Silhouette(one.name, one.camera, one.pose, one.matte) for one in capture.seen])
@@ -127,8 +153,8 @@ def _begin(space: Workspace[FitTask], capture: _Capture) -> Any:
     if key is None:
         start = discs(hull.points, hull.normals, capture.targets, settings.count, settings.degree, settings.seed)
     else:
-        before = fitted_field(space, key)
-        start = moved(before, *rigid_motion(before.positions.astype(np.float64), hull.points.astype(np.float64)))
+        points, normals = (np.asarray(part, np.float64) for part in (hull.points, hull.normals))
+        start = continued(fitted_field(space, key), points, normals, hull.spacing, capture.targets, settings)
     return FitState.of(start, extent(hull.points), pixel_width(hull.points, capture.targets))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -58,8 +59,8 @@ def frame_node(
     task: TaskRecord,
     needs: Sequence[Node] = (),
 ) -> Node:
-    """A node that commits one frame."""
-    return Node(stage, plan.job.position(frame), (frame,), fields, ids(needs), task)
+    """A node that commits one frame. Its index counts frames that are left out too: what made them keeps its own."""
+    return Node(stage, bisect_left(plan.job.all_but(), frame), (frame,), fields, ids(needs), task)
 
 
 def ids(nodes: Iterable[Node]) -> tuple[Any, ...]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from bisect import bisect_left
+from collections.abc import Iterable, Iterator, Sequence, Set
 from dataclasses import replace
 from typing import Any
 
@@ -16,7 +17,7 @@ from yesnt.planning.builders.assemble import frame_keys, frame_node, node_fields
 from yesnt.planning.graph import Graph, Node
 from yesnt.planning.keyed_settings import changed_fields, changed_keys, picture_keys, shared
 from yesnt.planning.shot_plan import ShotPlan
-from yesnt.planning.stages import FIT, MESH, VIEW
+from yesnt.planning.stages import FIT, MATTE, MESH, VIEW
 from yesnt.planning.task_records import FitTask, MeshTask, ViewTask
 
 _READ_MADE = ("plate", "gbuffer", "proxy")  # roles of inputs that may be made here
@@ -30,32 +31,41 @@ def gaussian_nodes(plan: ShotPlan) -> Iterator[Node]:
     if shot.gaussians.path is None:
         graph.extend(_fit_nodes(plan))
         yield from graph
-    for frame in plan.job.frames:
+    for frame in (one for one in plan.job.frames if one not in plan.unfitted):
         if shot.proxy is not None and shot.proxy.path in shot.made:
             yield _mesh_node(plan, graph, frame)
         if {shot.plate.path, shot.gbuffer.path} & set(shot.made):
             yield _view_node(plan, graph, frame)
 
 
-def keyframe_of(frames: Sequence[int], position: int, every: int) -> int | None:
-    """The nearest keyframe of a frame, the earlier of two; None of a keyframe itself."""
-    if position % every == 0:
-        return None
-    before = position - position % every
-    after = before + every
-    nearer = after < len(frames) and after - position < position - before
-    return frames[after if nearer else before]
+def starts_of(frames: Sequence[int], every: int, lost: Set[int] = frozenset()) -> dict[int, int | None]:
+    """Frame -> the nearest keyframe, the earlier of two; None of a keyframe itself. Frames in `lost` are not in it.
+
+    Every `every`-th frame is a keyframe. If it is lost, the next frame that is not takes its place, before the turn of
+    the next keyframe.
+    """
+    good = [position for position, frame in enumerate(frames) if frame not in lost]
+    first = dict.fromkeys(position // every for position in good)
+    keys = [good[bisect_left(good, number * every)] for number in first]
+    nearest = {position: _nearest(keys, position) for position in good}
+    return {frames[at]: None if key == at else frames[key] for at, key in nearest.items()}
+
+
+def _nearest(keys: Sequence[int], position: int) -> int:
+    after = bisect_left(keys, position)
+    return min(keys[max(after - 1, 0) : after + 1], key=lambda key: (abs(key - position), key))
 
 
 def _fit_nodes(plan: ShotPlan) -> Iterator[Node]:
     """Keyframes first, then the frames that start from one."""
-    shot, frames = plan.job.shot, plan.job.frames
+    shot = plan.job.shot
     assert shot.gaussians is not None
     assert shot.capture is not None
     names = tuple(cameras_of(plan.job.root, shot.capture))
     held_out = held_out_of(names, shot.gaussians.held_out)
     task = FitTask(tuple(name for name in names if name not in held_out), held_out)
-    starts = {frame: keyframe_of(frames, p, shot.gaussians.every) for p, frame in enumerate(frames)}
+    lost = plan.unfitted | set(plan.job.all_but()).difference(plan.job.all_but(MATTE.name, FIT.name))
+    starts = starts_of(plan.job.all_but(), shot.gaussians.every, lost)
     keyframes = Graph(_fit_node(plan, Graph(), frame, task) for frame, start in starts.items() if start is None)
     yield from keyframes
     for frame, start in starts.items():

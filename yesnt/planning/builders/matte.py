@@ -30,7 +30,7 @@ def matte_nodes(plan: ShotPlan) -> Iterator[Node]:
     backgrounds = [node for number, name in enumerate(names) for node in _background(plan, capture, number, name)]
     yield from backgrounds
     settings = _settings(plan, capture)
-    for frame in plan.job.frames:
+    for frame in plan.job.all_but(MATTE.name):
         inputs = _common(plan, capture)
         for name in names:
             inputs[f"{VIEW} {name}"] = plan.digests[str(camera_files(plan.job.root, capture, name, frame)[VIEW])]
@@ -45,7 +45,7 @@ def _background(plan: ShotPlan, capture: CaptureCameras, number: int, name: str)
         inputs = _common(plan, capture) | {role: plan.digests[str(path)] for role, path in files.items()}
         stage = background_stage(number)
         fields = node_fields(plan, stage, _settings(plan, capture, "consistent"), inputs=inputs, camera=name)
-        yield Node(stage, 0, plan.job.frames[:1], fields, (), BackgroundTask(name))
+        yield Node(stage, 0, plan.job.all_but()[:1], fields, (), BackgroundTask(name))
 
 
 def _common(plan: ShotPlan, capture: CaptureCameras) -> dict[str, str]:

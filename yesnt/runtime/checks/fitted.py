@@ -66,14 +66,20 @@ class FittedChecks:
     def agreement(self) -> Iterator[str]:
         """What is wrong with the capture in a few frames, each fault once; `report_capture` says what is looked at.
 
-        Time is looked at in the middle frame, if the shot holds the frames around it.
+        Time is looked at in the middle frame, if the shot holds the frames around it. A frame that cannot be fitted is
+        a warning as long as another can: it fails by itself.
 
         Raises:
-            JobError: the mattes agree nowhere, so that there is nothing to fit.
+            JobError: the mattes agree in none of these frames, so that there is nothing to fit.
         """
-        told = set[str]()
-        for frame in self._job.probe_frames:
-            for problem in self._report(frame)["problems"]:
+        told, reports = set[str](), {frame: self._report(frame) for frame in self._job.probe_frames}
+        lost = [frame for frame, report in reports.items() if report["nothing"]]
+        if len(lost) == len(reports):
+            raise _nothing_to_fit(self._capture, lost[0], reports[lost[0]]["problems"])
+        for frame, report in reports.items():
+            if frame in lost:
+                yield f"capture, frame {frame}: its fit will fail, and all other frames are made without it"
+            for problem in report["problems"]:
                 if (fault := problem.split(" (")[0]) not in told:
                     told.add(fault)
                     yield f"capture, frame {frame}: {problem}"
@@ -122,15 +128,14 @@ def _examine(job: Job, cameras: Mapping[str, CalibratedCamera], frame: int, reac
     from yesnt.capture.report import pose_problems, report_capture  # imports Numba's kernels
 
     found = report_capture(job, frame, reach)
-    if found.subject is None and not list(pose_problems(cameras, frame)):
-        raise _nothing_to_fit(job.shot.capture, frame, found.problems)
-    return {"problems": list(found.problems), "sizes": {name: list(size) for name, size in found.sizes.items()}}
+    nothing = found.subject is None and not list(pose_problems(cameras, frame))
+    sizes = {name: list(size) for name, size in found.sizes.items()}
+    return {"problems": list(found.problems), "sizes": sizes, "nothing": nothing}
 
 
-def _nothing_to_fit(capture: CaptureCameras | None, frame: int, problems: tuple[str, ...]) -> JobError:
-    where = "capture" if capture is None else capture.cameras
+def _nothing_to_fit(capture: CaptureCameras, frame: int, problems: Sequence[str]) -> JobError:
     return JobError(
-        f"The capture cannot be fitted in frame {frame}: {' '.join(problems)}", where,
+        f"The capture cannot be fitted in frame {frame}: {' '.join(problems)}", capture.cameras,
         "silhouettes of one subject, seen by calibrated cameras in one world",
         "check the calibration, the names of the cameras and the mattes; `yesnt capture SHOT` looks again",
     )  # fmt: skip

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from yesnt.capture.files import MATTE, camera_files
@@ -30,6 +31,7 @@ from yesnt.io.records import digest_of
 from yesnt.planning import settings as of
 from yesnt.planning.keyed_settings import changed_keys
 from yesnt.planning.shot_plan import MATTES, VIEWS, Awaiting
+from yesnt.planning.stages import MATTE as MATTE_STAGE
 from yesnt.runtime.checks.scene import resolve_scene
 from yesnt.temporal.flow import LEARNED
 
@@ -78,6 +80,7 @@ def resolve(
     accept_license: tuple[str, ...] = (),
     progress: Progress = no_progress,
     awaiting: Awaiting = "",
+    left_out: Mapping[int, str] = MappingProxyType({}),
 ) -> Resolved:
     """Reads the job file and hashes every input that has changed since it was hashed last.
 
@@ -86,6 +89,7 @@ def resolve(
         accept_license: licences that the user accepts beside those that the job names.
         progress: called while files are hashed.
         awaiting: what the run makes is out of date and is not read.
+        left_out: frame -> the stage that could not make what the frame is read from.
 
     Raises:
         JobError: the job file is wrong, or a file is missing.
@@ -98,7 +102,9 @@ def resolve(
     frames = parse_frames(shot.frames, f"{file}, key frames")
     camera = Camera.open(frame_path(root, shot.camera, 0))
     camera.check(frames)
-    job = Job(shot=shot, root=root, frames=frames, width=camera.width, height=camera.height)
+    lost = tuple((frame, left_out[frame]) for frame in frames if frame in left_out)
+    frames = tuple(frame for frame in frames if frame not in left_out)
+    job = Job(shot=shot, root=root, frames=frames, width=camera.width, height=camera.height, left_out=lost)
     _check_knobs(shot)
     backend = None
     if shot.decompose.samples_backend:
@@ -132,7 +138,8 @@ def _missing(job: Job) -> Awaiting:
     shot = job.shot
     if (capture := shot.matted) is not None:
         names = cameras_of(job.root, capture)
-        files = (camera_files(job.root, capture, name, frame)[MATTE] for name in names for frame in job.frames)
+        frames = job.all_but(MATTE_STAGE.name)
+        files = (camera_files(job.root, capture, name, frame)[MATTE] for name in names for frame in frames)
         if not all(path.is_file() for path in files):
             return MATTES
     made = (frame_path(job.root, pattern, frame) for pattern in shot.made for frame in job.frames)
@@ -203,7 +210,7 @@ def _fitted_pictures(job: Job, mattes: bool) -> Iterable[Path]:
     fits = gaussians is not None and gaussians.path is None
     if capture is not None and (fits or job.shot.matted is not None):
         for name in cameras_of(job.root, capture):
-            for frame in job.frames:
+            for frame in job.all_but(MATTE_STAGE.name):
                 files = camera_files(job.root, capture, name, frame)
                 yield from (path for role, path in files.items() if mattes or role != MATTE)
 

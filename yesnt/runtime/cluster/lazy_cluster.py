@@ -24,10 +24,15 @@ class LazyCluster:
     """A cluster that starts in the background, and only if there is something to run.
 
     The kernels of local workers are compiled in the same time, each once.
+
+    Args:
+        spec: where tasks run.
+        modules: what each worker imports before its first task.
+        stages: whose kernels are compiled.
     """
 
-    def __init__(self, spec: ClusterSpec, modules: tuple[str, ...]) -> None:
-        self.spec, self._modules, self._stack = spec, modules, ExitStack()
+    def __init__(self, spec: ClusterSpec, modules: tuple[str, ...], stages: frozenset[str]) -> None:
+        self.spec, self._modules, self._stages, self._stack = spec, modules, stages, ExitStack()
         self._starter = ThreadPoolExecutor(2, "yesnt-cluster")
         self._started: Future[Any] | None = None
         self._told = False
@@ -39,11 +44,11 @@ class LazyCluster:
         """Starts the workers and compiles kernels in the background; errors are raised by `client`."""
         if self._started is None:
             if self.spec.kind == "local":
-                self._compiling = Precompilation()
+                self._compiling = Precompilation(self._stages)
                 self._compiled = self._starter.submit(self._compiling.wait, listen)
             warm_up(self.spec, self._modules)
             self._started = self._starter.submit(
-                lambda: self._stack.enter_context(open_cluster(self.spec, self._modules))
+                lambda: self._stack.enter_context(open_cluster(self.spec, self._modules, self._stages))
             )
 
     def client(self, tell: Listener, check: Callable[[], None] = lambda: None) -> Any:

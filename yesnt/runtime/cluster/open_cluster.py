@@ -52,12 +52,15 @@ def warm_up(spec: ClusterSpec, modules: tuple[str, ...]) -> None:
 
 
 @contextmanager
-def open_cluster(spec: ClusterSpec, modules: tuple[str, ...] = ()) -> Iterator[Client]:
+def open_cluster(
+    spec: ClusterSpec, modules: tuple[str, ...] = (), stages: frozenset[str] | None = None
+) -> Iterator[Client]:
     """Yields a client whose workers have one thread each, with every library pinned to it.
 
     Args:
         spec: where tasks run.
         modules: what each worker imports before its first task.
+        stages: whose kernels workers of a cluster that was started elsewhere compile; None: those of all.
 
     Raises:
         UsageError: the kind is unknown, or a scheduler off this machine is asked for without TLS.
@@ -70,7 +73,7 @@ def open_cluster(spec: ClusterSpec, modules: tuple[str, ...] = ()) -> Iterator[C
     with dask.config.set(dask_settings()), _quiet(), launched(spec) as running, _dashboard(running):
         client = _connect(running)
         try:
-            prepare_workers(client, prepare_plugin(modules, compiles=spec.kind != "local"))
+            prepare_workers(client, prepare_plugin(modules, spec.kind != "local", stages))
             yield client
         except (KeyboardInterrupt, RunCancelledError):
             stop_now(client)

@@ -1,4 +1,4 @@
-"""Compiles all kernels before the work of a run starts, once per version of their sources.
+"""Compiles the kernels of a run's stages before its work starts, once per version of their sources.
 
 Machine code is cached on disk (core/kernel_cache.py). Kernels are compiled in units, each in one process at a time: a
 unit is locked while it is compiled and leaves a marker file when it is done. Any number of processes can therefore
@@ -21,6 +21,9 @@ from pathlib import Path
 from typing import Any
 
 from yesnt.core.kernel_cache import kernel_folder
+from yesnt.core.shot import Shot
+from yesnt.planning.graph import Graph
+from yesnt.planning.stages import BAKE, EVIDENCE, FIT, MESH, RELIGHT, SET, SOLVE, STAGES, VIEW
 
 PROCESSES = 2
 """Processes that compile side by side. More would wait for the largest unit."""
@@ -38,10 +41,12 @@ class Unit:
     Attributes:
         package: whose kernels they are; its cache folder holds them.
         function: of the package's module `precompile`; calls the kernels on tiny arrays.
+        stages: names of the stages whose tasks call them.
     """
 
     package: str
     function: str
+    stages: frozenset[str] = frozenset()
 
     @property
     def marker(self) -> Path | None:
@@ -61,25 +66,42 @@ class Unit:
         self.marker.touch()
 
 
+_LIT = frozenset({RELIGHT.name, EVIDENCE.name, SET.name, BAKE.name})
+_FITTED = frozenset({FIT.name, MESH.name, VIEW.name})
+
 UNITS = (
-    Unit("yesnt.relight", "precompile_lobes"),
-    Unit("yesnt.temporal", "precompile_solver"),
-    Unit("yesnt.relight", "precompile_shadows"),
-    Unit("yesnt.decompose.evidence", "precompile_evidence"),
-    Unit("yesnt.scene", "precompile_set"),
+    Unit("yesnt.relight", "precompile_lobes", _LIT),
+    Unit("yesnt.gaussians", "precompile_fit", _FITTED),
+    Unit("yesnt.temporal", "precompile_solver", frozenset({SOLVE.name})),
+    Unit("yesnt.relight", "precompile_shadows", _LIT),
+    Unit("yesnt.decompose.evidence", "precompile_evidence", frozenset({EVIDENCE.name})),
+    Unit("yesnt.scene", "precompile_set", frozenset({SET.name})),
 )
 """All units, the longest first."""
 
-
-def missing_units() -> list[Unit]:
-    """Units that are not compiled yet."""
-    return [unit for unit in UNITS if not unit.done]
+Stages = frozenset[str] | None
+"""Names of the stages whose kernels are wanted; None: those of all."""
 
 
-def compile_missing() -> None:
+def used_stages(shot: Shot, graph: Graph, to_come: bool) -> frozenset[str]:
+    """Stages of a run's graph; with `to_come` also those of the job that follow once more is known of it."""
+    found = {node.stage.name for node in graph}
+    if to_come:
+        unused = {SET.name} if shot.set is None else set()
+        unused |= {EVIDENCE.name} if shot.captured is None and not shot.evidence.time else set()
+        found |= STAGES.keys() - unused
+    return frozenset(found)
+
+
+def missing_units(stages: Stages = None) -> list[Unit]:
+    """Units that the stages' tasks need and that are not compiled yet."""
+    return [unit for unit in UNITS if not unit.done and (stages is None or not stages.isdisjoint(unit.stages))]
+
+
+def compile_missing(stages: Stages = None) -> None:
     """Compiles what is missing in this process; units that another process compiles are waited for."""
     for wait in (False, True):
-        for unit in missing_units():
+        for unit in missing_units(stages):
             with _locked(unit, wait) as locked:
                 if locked and not unit.done:
                     unit.compile()
@@ -101,12 +123,16 @@ def _locked(unit: Unit, wait: bool) -> Iterator[bool]:
 
 
 class Precompilation:
-    """The processes that compile what is missing; progress is reported as events `compiling` and `compiled`."""
+    """The processes that compile what is missing; progress is reported as events `compiling` and `compiled`.
 
-    def __init__(self) -> None:
-        self._started = time.monotonic()
-        self._count = len(missing_units())
-        self._running = [_start_compiler() for _ in range(min(PROCESSES, self._count))]
+    Args:
+        stages: whose kernels are wanted; None: those of all.
+    """
+
+    def __init__(self, stages: Stages = None) -> None:
+        self._started, self._stages = time.monotonic(), stages
+        self._count = len(missing_units(stages))
+        self._running = [_start_compiler(stages) for _ in range(min(PROCESSES, self._count))]
         self._stopped = False
 
     def wait(self, report: Callable[[Mapping[str, Any]], None]) -> None:
@@ -134,14 +160,20 @@ class Precompilation:
 
     def _event(self, kind: str) -> dict[str, Any]:
         seconds = round(time.monotonic() - self._started, 1)
-        return {"event": kind, "done": self._count - len(missing_units()), "total": self._count, "seconds": seconds}
+        return {
+            "event": kind,
+            "done": self._count - len(missing_units(self._stages)),
+            "total": self._count,
+            "seconds": seconds,
+        }
 
 
-def _start_compiler() -> subprocess.Popen[bytes]:
+def _start_compiler(stages: Stages) -> subprocess.Popen[bytes]:
     """A process that imports the same package as this one and compiles what is missing.
 
     Its error output is dropped: the task that lacks a kernel compiles it again and records the error.
     """
-    code = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import compile_missing as c; c()"
+    wanted = "None" if stages is None else f"frozenset({sorted(stages)})"
+    code = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import compile_missing as c; c({wanted})"
     environment = {**os.environ, "NUMBA_NUM_THREADS": "1"}
     return subprocess.Popen([sys.executable, "-c", code], env=environment, stderr=subprocess.DEVNULL)

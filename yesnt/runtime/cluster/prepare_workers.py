@@ -46,12 +46,13 @@ def prepare_workers(client: Client, plugin: Any) -> None:
     ) from problem  # fmt: skip
 
 
-def prepare_plugin(modules: tuple[str, ...], compiles: bool) -> Any:
+def prepare_plugin(modules: tuple[str, ...], compiles: bool, stages: frozenset[str] | None = None) -> Any:
     """The plugin that prepares each worker.
 
     Args:
         modules: what a worker imports.
         compiles: whether it also compiles kernels that are missing on its host.
+        stages: whose kernels; None: those of all.
     """
     from distributed import WorkerPlugin
 
@@ -74,7 +75,7 @@ def prepare_plugin(modules: tuple[str, ...], compiles: bool) -> Any:
             await asyncio.to_thread(import_all, modules)
             if compiles and modules:
                 with suppress(Exception):  # a task compiles the kernel that it lacks, or says why it cannot
-                    await asyncio.to_thread(compile_missing)
+                    await asyncio.to_thread(compile_missing, stages)
             pin_threads()
 
     return Prepare()

@@ -15,8 +15,9 @@ from yesnt.io.store import FrameStore
 from yesnt.planning.graph import Graph, Node, NodeId, stage_counts
 from yesnt.runtime.awaited import ends_with
 from yesnt.runtime.driver.driver import is_done
+from yesnt.runtime.left_out import Missing
 from yesnt.runtime.run_options import RunOptions, RunResult
-from yesnt.runtime.session import Missing, Session
+from yesnt.runtime.session import Session
 from yesnt.tasks.run import run_node
 
 Listener = Callable[[Mapping[str, Any]], None]
@@ -37,11 +38,16 @@ def run_shared(session: Session, options: RunOptions, listen: Listener = lambda 
         YesntError: bad input, wrong options.
     """
     result = RunResult(output=session.output.root)
+    if session.job.left_out:
+        session.take_all_frames()
     while session.resolved.awaiting:
-        _share_graph(session, options, result, listen)
-        if result.missing or ends_with(session.resolved.awaiting, options.until):
+        known = -1
+        while len(result.missing) > known:  # frames that started from one that failed start from another
+            known = len(result.missing)
+            _share_graph(session, options, result, listen)
+        ends = ends_with(session.resolved.awaiting, options.until)
+        if ends or not session.look_again(Missing(dict(result.missing))):
             return result
-        session.look_again()
     _share_graph(session, options, result, listen)
     return result
 
@@ -51,8 +57,9 @@ def _share_graph(session: Session, options: RunOptions, result: RunResult, liste
     result.notes = session.checks.notes
     found = session.checks.form(beside_others=True) + session.checks.content()
     result.warnings = list(dict.fromkeys([*result.warnings, *found]))
-    result.missing = dict(session.marked_dead())
-    plan, graph = session.plan(Missing(result.missing)), session.graph(Missing(result.missing))
+    result.missing |= session.marked_dead()
+    missing = Missing(dict(result.missing))
+    plan, graph = session.plan(missing), session.graph(missing)
     graph = graph.closure(session.targets(graph, options))
     lease = take_lease(session.output.leases, LAYOUT, patient=True)
     assert lease is not None, "a patient claim waits"

@@ -64,7 +64,7 @@ def commit_evidence(space: Workspace[MeasureTask] | Workspace[TrackTask], found:
 
 
 def carry_materials(space: Workspace[CarryEvidenceTask]) -> None:
-    """Commits a later frame's measured materials along the flow; elsewhere the frame's own estimate."""
+    """Commits a later frame's measured materials along the flow; elsewhere those of pixels that look alike."""
     from yesnt.decompose.evidence.carry import carried_evidence
 
     job, frame, keyframe = space.job, space.frame, space.task.keyframe
@@ -73,10 +73,10 @@ def carry_materials(space: Workspace[CarryEvidenceTask]) -> None:
     mattes = [space.matte(f) for f in (*way, keyframe)]
     own = space.read(DECOMPOSE, "observed", frame), space.read(DECOMPOSE, "spread", frame)
     mean, spread, views = (space.read(EVIDENCE, name, keyframe) for name in ("measured", "measured_spread", "views"))
+    plate, settings = space.plate(frame).color, of.evidence_settings(job.shot)
     with space.kernel():
-        least = of.evidence_settings(job.shot).least_views
         measured, reuse = FrameEvidence(mean, spread, views[0], {}, {}), of.ensemble_settings(job.shot)
-        found = carried_evidence(measured, own, (links, mattes), reuse, least)
+        found = carried_evidence(measured, own, (links, mattes), reuse, plate, settings)
     matte = mattes[0]
     shown = float(found.views[matte].mean()) if matte.any() else 0.0
     space.commit(frame, _channels(found), facts={"views": shown})

@@ -130,9 +130,9 @@ class EvidenceRunner:
         spent, links = Spent(), self.harness.links(self.base.method)[0][place:key]
         mattes = [self.harness.mattes[p] for p in range(place, key + 1)]
         mean, std = (planes[:, place] for planes in self._model())
-        least = of.evidence_settings(job.shot).least_views
+        plate, settings = self.harness.plates[place].color, of.evidence_settings(job.shot)
         with spent.counted():
-            carried = carried_evidence(found, (mean, std), (links, mattes), EnsembleSettings(), least)
+            carried = carried_evidence(found, (mean, std), (links, mattes), EnsembleSettings(), plate, settings)
         return carried, spent.seconds
 
 

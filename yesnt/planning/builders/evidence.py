@@ -23,7 +23,7 @@ READS = (
 )  # fmt: skip
 """Settings of relighting that the responses of the capture light depend on."""
 
-CARRY_READS = ("least_views",)
+CARRY_READS = ("least_views", "roughness_error", "metallic_error")
 """Settings of the evidence that a frame depends on which takes another's materials."""
 
 
@@ -99,7 +99,7 @@ def relight_read(shot: Shot) -> dict[str, Any]:
 
 
 def _carried_node(plan: ShotPlan, graph: Graph, frame: int, keyframe: int) -> Node:
-    """A frame between: the keyframe's materials along the flow, its own where the flow does not reach."""
+    """A frame between: the keyframe's materials along the flow, and what looks like them where it does not reach."""
     job = plan.job
     way = job.frames[job.position(frame) : job.position(keyframe)]
     needs = [graph.committer(DECOMPOSE, frame), graph.committer(EVIDENCE, keyframe)]

@@ -12,10 +12,12 @@ from typer.testing import CliRunner
 from tests.runtime.test_gaussian_job import write_field_shot
 from yesnt.cli.app import app
 from yesnt.cli.gof import GofAction, path_of
+from yesnt.cli.results import result_lines
 from yesnt.core.camera import Camera
 from yesnt.core.errors import JobError, UsageError
 from yesnt.inspect.field_views import render_views
 from yesnt.io.exr import read_planes
+from yesnt.io.output import OutputFolder
 from yesnt.runtime.session import Session
 
 
@@ -55,3 +57,16 @@ def test_unknown_cameras_and_jobs_without_fields_are_refused(tmp_path: Path) -> 
     with pytest.raises(JobError, match="The job has no Gaussian fields"):
         render_views(Session(write_tiny_shot(tmp_path / "b", 1)), 1001, (), 3, tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_only_results_that_there_are_are_named(tmp_path: Path) -> None:
+    output = OutputFolder(tmp_path / "out")
+    assert result_lines(output) == []
+    fields = output.root / "gaussians"
+    fields.mkdir(parents=True)
+    (fields / "field.1001.ply").touch()
+    assert result_lines(output) == [f"Gaussians:    {fields} (field)"], "yesnt gof fit leaves no EXR sequence"
+    output.exr.mkdir()
+    output.run.mkdir()
+    (output.run / "preview.mp4").touch()
+    assert [line.split(":")[0] for line in result_lines(output)] == ["Gaussians", "EXR sequence", "Preview"]

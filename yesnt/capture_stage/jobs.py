@@ -103,6 +103,7 @@ SETS: Mapping[str, CaptureSet] = MappingProxyType({
     "multiview": CaptureSet(("boxer", "vase", "fox"), (1001, 1004), (CAPTURE,), 256, 256, CameraPath(18, 0, 16), 4),
     "unmodelled": CaptureSet(("knot", "drape", "bust", "bust+skin", "bust+hair"), (1001, 1001),
                              (CAPTURE, "city", "sunset"), 192, 192, CameraPath(18, 0, 16), 1, bounces=(0, 1, 2)),
+    "hair": CaptureSet(("bust+hair",), (1001, 1001), (CAPTURE,), 256, 256, CameraPath(18, 0, 16), 1),
     "embedded_capture": CaptureSet(
         ("walk",), (1001, 1016), (CAPTURE,), 192, 192, CameraPath(), 5, completes="embedded",
         samples=_RIG_SAMPLES, rig=Rig(rigs.FRONT, (1001, 1005, 1009, 1013, 1016), every=4)),
@@ -118,11 +119,14 @@ SETS: Mapping[str, CaptureSet] = MappingProxyType({
     "multiview_capture": CaptureSet(
         ("boxer", "vase", "fox"), (1001, 1004), (CAPTURE,), 256, 256, CameraPath(), 1, completes="multiview",
         samples=_RIG_SAMPLES, rig=Rig(rigs.TWENTY_FOUR, (1001, 1002, 1003, 1004), rigs.BETWEEN, mesh=True)),
+    "hair_capture": CaptureSet(
+        ("bust+hair",), (1001, 1001), (CAPTURE,), 256, 256, CameraPath(), 1, completes="hair",
+        samples=_RIG_SAMPLES, rig=Rig(rigs.SIXTEEN, (1001,), rigs.BETWEEN)),
 })  # fmt: skip
 """Every set by name. `reference` needs `objects` and adds the proxy mesh, coloured by the plate, as Cycles relights it.
 `unmodelled` measures effects that relighting does not model: SUBJECT+EFFECT is SUBJECT with that effect, and paths also
 end early. `NAME_capture` adds the pictures of a capture's cameras to the shots of NAME. `multiview_capture` also has
-cameras that are held out and the true surface, for fits of Gaussians."""
+cameras that are held out and the true surface, for fits of Gaussians; `hair_capture` measures mattes at hair."""
 
 _SMALL = ("vase", "knot")
 """The subset that tests render; it needs nothing fetched but Blender itself."""

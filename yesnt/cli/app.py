@@ -324,6 +324,7 @@ def _drive(session: object, options: object, json: bool) -> int:
 
 
 def _print_result(session: object, missing: list[dict[str, object]]) -> None:
+    from yesnt.cli.results import result_lines
     from yesnt.core.frame_ranges import frame_ranges
     from yesnt.io.dead_marks import SKIPPED
     from yesnt.runtime.session import Session
@@ -333,10 +334,7 @@ def _print_result(session: object, missing: list[dict[str, object]]) -> None:
         print(f"Missing: frame {row['frame']} of {row['stage']}: {row['why']}")
     from yesnt.report import write_report
 
-    output = session.output
-    print(f"EXR sequence: {output.exr}")
-    if (output.run / "preview.mp4").exists():
-        print(f"Preview:      {output.run / 'preview.mp4'} and contact_sheet.png")
+    print("\n".join([*result_lines(session.output), ""]), end="")
     print(f"Report:       {write_report(session)}")
     skipped = [row for row in missing if str(row["why"]).startswith(SKIPPED)]
     if len(missing) > len(skipped):

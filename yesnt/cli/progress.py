@@ -31,7 +31,7 @@ class LineProgress:
         self._time.apply(event)
         if kind == "plan":
             self._total, self._done = sum(event["stages"].values()), sum(event["reused"].values())
-            print(f"{self._total} tasks, {self._done} done already", flush=True)
+            print(f"{self._total} task{'s' if self._total != 1 else ''}, {self._done} done already", flush=True)
         elif kind == "cluster":
             print(f"{dashboard_lines(event)}\n", end="", flush=True)  # whole, also if an interrupt comes between
         elif notice_line(event):

@@ -31,6 +31,7 @@ def refuse_with_share(given: Mapping[str, object]) -> None:
 def drive_shared(session: Session, options: RunOptions, json: bool) -> int:
     """Runs and prints a line for each task; 3 if frames are missing."""
     from yesnt.cli.progress import line_progress
+    from yesnt.cli.results import result_lines
     from yesnt.runtime.control.share import run_shared
 
     megapixels = session.job.width * session.job.height / 1e6
@@ -48,5 +49,5 @@ def drive_shared(session: Session, options: RunOptions, json: bool) -> int:
     text.print_findings(result.notes, result.warnings)
     for row in missing:
         print(f"Missing: frame {row['frame']} of {row['stage']}: {row['why']}")
-    print(f"EXR sequence: {session.output.exr}")
+    print("\n".join([*result_lines(session.output), ""]), end="")
     return 3 if missing else 0

@@ -102,7 +102,7 @@ def main():
         tiles = [np.concatenate([truths[i], *(mattes[i] for mattes in found.values())], axis=1) for i in (0, 2)]
         width = min(tile.shape[1] for tile in tiles)
         picture = np.concatenate([cv2.resize(t, (width, t.shape[0] * width // t.shape[1])) for t in tiles])
-        cv2.imwrite(str(options.picture), np.rint(255 * np.clip(picture, 0, 1)))
+        cv2.imwrite(str(options.picture), np.rint(255 * np.clip(picture, 0, 1)).astype(np.uint8))
 
 
 if __name__ == "__main__":

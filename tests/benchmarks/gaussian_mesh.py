@@ -25,6 +25,7 @@ from yesnt.io.mesh import Mesh, read_mesh
 from yesnt.io.mesh_files import write_ply
 
 SAMPLES = 40_000
+CANDIDATES = 8  # triangles by whose nearest point a distance is found
 Cameras = list[tuple[Camera, int | None]]
 
 
@@ -45,13 +46,34 @@ def seen(points: np.ndarray, mesh: Mesh, cameras: Cameras) -> np.ndarray:
     return found
 
 
-def chamfer(vertices: np.ndarray, faces: np.ndarray, truth: np.ndarray, height: float) -> dict[str, float]:
-    """Mean distances between a mesh and points of the true surface, both ways, % of the height."""
-    import trimesh
-    from scipy.spatial import cKDTree
+class Surface:
+    """Triangles, or those of them that some camera sees, and points spread evenly over them."""
 
-    own = trimesh.sample.sample_surface(trimesh.Trimesh(vertices, faces, process=False), SAMPLES, seed=0)[0]
-    there, back = cKDTree(truth).query(own)[0], cKDTree(own).query(truth)[0]
+    def __init__(self, vertices: np.ndarray, faces: np.ndarray, cameras: Cameras | None = None) -> None:
+        import trimesh
+        from scipy.spatial import cKDTree
+
+        mesh = trimesh.Trimesh(vertices, faces, process=False)
+        self.points, self._face = trimesh.sample.sample_surface(mesh, SAMPLES, seed=0)
+        if cameras is not None:
+            shown = seen(self.points, Mesh(vertices, faces), cameras)
+            self.points, self._face = self.points[shown], self._face[shown]
+        self._corners, self._tree = mesh.triangles, cKDTree(self.points)
+
+    def distance(self, points: np.ndarray) -> np.ndarray:
+        """[P] distance of points to the nearest of the triangles that hold the nearest samples."""
+        import trimesh
+
+        near = self._face[self._tree.query(points, k=CANDIDATES)[1]]  # [P, CANDIDATES]
+        repeated = np.repeat(points, CANDIDATES, axis=0)
+        closest = trimesh.triangles.closest_point(self._corners[near.ravel()], repeated)
+        return np.linalg.norm(closest - repeated, axis=1).reshape(near.shape).min(axis=1)
+
+
+def chamfer(vertices: np.ndarray, faces: np.ndarray, truth: Surface, height: float) -> dict[str, float]:
+    """Mean distances between points of a mesh and the true surface, both ways, % of the height."""
+    own = Surface(vertices, faces)
+    there, back = truth.distance(own.points), own.distance(truth.points)
     percent = 100 / height
     return {
         "mesh to truth": round(percent * float(there.mean()), 3),
@@ -76,31 +98,28 @@ def measure(
     folder: Path, field_file: Path, frame: int, settings: list[dict[str, Any]], keep: Path | None = None
 ) -> list[dict[str, Any]]:
     """Rows of the table: the hull, then the level set by each of the settings."""
-    import trimesh
-
     found = read_cameras(folder / "cameras.json")
     cameras = {name: (one.camera, one.pose_of(frame)) for name, one in found.items()}
     truth = read_mesh(folder / f"truth/mesh.{frame:04d}.ply")
-    surface = trimesh.Trimesh(truth.vertices, truth.faces, process=False)
-    points = trimesh.sample.sample_surface(surface, SAMPLES, seed=1)[0]
-    points = points[seen(points, truth, list(cameras.values()))]
+    shown = Surface(truth.vertices, truth.faces, list(cameras.values()))
     height = float(np.ptp(truth.vertices, axis=0).max())
     hull = hull_mesh(folder, cameras, frame)
     _keep(keep, "hull", *hull)
-    rows = [{"mesh": "visual hull", **chamfer(*hull, points, height)}]
+    rows = [{"mesh": "visual hull", **chamfer(*hull, shown, height)}]
     field = read_field(field_file)
     for knobs in settings:
         began = time.process_time()
         mesh = extract_mesh(field, list(cameras.values()), MeshSettings(**knobs))
         took = time.process_time() - began
         _keep(keep, f"mesh{len(rows)}", mesh.vertices, mesh.faces)
-        found_mesh = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+        edges = np.sort(mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+        shared = np.unique(edges, axis=0, return_counts=True)[1]
         facts = {
             "triangles": len(mesh.faces),
-            "closed": bool(found_mesh.is_watertight),
+            "open edges": int((shared == 1).sum()),
             "processor seconds": round(took, 1),
         }
-        rows.append({"mesh": f"level set {knobs or ''}", **chamfer(mesh.vertices, mesh.faces, points, height), **facts})
+        rows.append({"mesh": f"level set {knobs or ''}", **chamfer(mesh.vertices, mesh.faces, shown, height), **facts})
     return rows
 
 

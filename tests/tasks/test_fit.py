@@ -169,6 +169,8 @@ def test_the_cost_of_a_fit_follows_from_its_settings(ran: Path) -> None:
     assert fit_seconds(many, load) - BEGIN == pytest.approx(10 * (fit_seconds(few, load) - BEGIN), rel=0.05)
     assert fit_seconds(large, load) > 10 * fit_seconds(many, load)
     assert fit_bytes(large, load) > fit_bytes(many, load) > 4e8
+    whole = replace(load, whole=1920 * 1080)
+    assert fit_seconds(few, whole) - fit_seconds(few, load) == pytest.approx(9 * 0.62, rel=0.01), "pictures are read"
     assert forecast(Session(ran)).stages[0].measured
 
 

@@ -18,8 +18,11 @@ STEP, PER_GAUSSIAN, PER_PIXEL = 1e-3, 1.9e-6, 8e-7
 LOOK_SHARE = 0.5
 """Cost of a picture that is only rendered and compared, of a step's."""
 
-BEGIN = 2.0
-"""Seconds in which pictures are read and the hull is carved, and a kernel or two is loaded."""
+BEGIN = 1.5
+"""Seconds in which the hull is carved, and a kernel or two is loaded."""
+
+PER_READ = 3e-7
+"""Seconds of each pixel of a whole picture: it is read, made linear, encoded and its silhouette's distances found."""
 
 RESIDENT = 430e6
 """Bytes of a process that has loaded the kernels."""
@@ -63,7 +66,7 @@ def fit_seconds(settings: FitSettings, load: FitLoad) -> float:
     steps = sum((stop - start) * _step(settings, load, start) for start, stop in _spans(settings))
     looks = -(-settings.steps // settings.check)
     look = LOOK_SHARE * (STEP + PER_GAUSSIAN * count_at(settings.steps, settings) + PER_PIXEL * load.crop)
-    return BEGIN + steps + looks * load.held_out * look
+    return BEGIN + PER_READ * (load.cameras + load.held_out) * load.whole + steps + looks * load.held_out * look
 
 
 def fit_bytes(settings: FitSettings, load: FitLoad) -> float:

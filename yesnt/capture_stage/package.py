@@ -24,6 +24,7 @@ here is under CC0-1.0.
 """
 
 _SET = "set:     {ground: auto}\n"
+_EVIDENCE = "evidence: {every: 4, knobs: {normal_error: 0}}   # the renderer's normals have no error"
 
 
 def package_shot(folder: Path, out: Path) -> int:
@@ -49,7 +50,8 @@ def package_shot(folder: Path, out: Path) -> int:
 
 def packed_job(measured: str) -> str:
     """The embedded shot's job: the stage's job with a capture, on a ground."""
-    return measured.replace(MEASURED_OUTPUT, "out").replace("decompose:", f"{_SET}decompose:")
+    job = measured.replace(MEASURED_OUTPUT, "out").replace("decompose:", f"{_SET}decompose:")
+    return job.replace("evidence: {every: 4}", _EVIDENCE)
 
 
 def _rounded(path: Path, bits: int) -> dict[str, NDArray[Any]]:

@@ -136,14 +136,18 @@ def test_frames_between_keyframes_start_from_one(ran: Path) -> None:
     assert first.task.held_out == ("c04",)
 
 
-def test_a_fit_that_is_killed_goes_on_to_the_same_bytes(ran: Path, tmp_path: Path, monkeypatch: Any) -> None:
-    job, tell = write_capture_shot(tmp_path, 1), fit_task.tell_progress
+@pytest.mark.parametrize("chosen", [1001, 1002], ids=["keyframe", "following"])
+def test_a_fit_that_is_killed_goes_on_to_the_same_bytes(
+    ran: Path, tmp_path: Path, monkeypatch: Any, chosen: int
+) -> None:
+    job, tell = write_capture_shot(tmp_path, chosen - 1000), fit_task.tell_progress
     seen = []
 
     def dies(run: Path, frame: int, looks: list[dict[str, Any]], *shown: Any) -> None:
-        seen.append(looks[-1]["step"])
-        if looks[-1]["step"] == 60:
-            raise KeyboardInterrupt
+        if frame == chosen:
+            seen.append(looks[-1]["step"])
+            if looks[-1]["step"] == 60:
+                raise KeyboardInterrupt
         tell(run, frame, looks, *shown)
 
     monkeypatch.setattr(fit_task, "tell_progress", dies)
@@ -152,7 +156,7 @@ def test_a_fit_that_is_killed_goes_on_to_the_same_bytes(ran: Path, tmp_path: Pat
     monkeypatch.setattr(fit_task, "tell_progress", lambda run, frame, looks, *shown: seen.append(looks[-1]["step"]))
     run_shared(Session(job), RunOptions(until="fit"))
     assert seen == [30, 60, 60, 90]
-    assert field_bytes_of(job) == field_bytes_of(ran)
+    assert field_bytes_of(job, chosen) == field_bytes_of(ran, chosen)
 
 
 def test_the_plan_names_the_fit(tmp_path: Path) -> None:

@@ -101,7 +101,7 @@ _ROWS = (
         files=("proxy mesh (PLY, GLB)",), optional=True,
     ),
     Stage(
-        "view", 2, "frame", "Gaussian field, camera (only jobs with Gaussians and no plate or G-buffer)",
+        "view", 3, "frame", "Gaussian field, camera (only jobs with Gaussians and no plate or G-buffer)",
         Cost(0.5, 2.0, 500, 200, 20), "#c7a252",
         {records.ViewTask: "yesnt.tasks.gaussians:render_view"},
         files=("plate and G-buffer (EXR)",), optional=True,

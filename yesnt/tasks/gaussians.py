@@ -60,7 +60,9 @@ def view_planes(field: GaussianField, camera: Camera, frame: int | None) -> dict
     Colours that are composited as sRGB code values are made linear where they are straight, as pictures are.
     """
     from yesnt.core.color import srgb_decode, straighten
+    from yesnt.gaussians.records import View
     from yesnt.gaussians.render import render
+    from yesnt.gaussians.silhouette import turned_at_silhouettes
 
     seen = render(field, camera, frame)
     color = seen.color
@@ -68,7 +70,8 @@ def view_planes(field: GaussianField, camera: Camera, frame: int | None) -> dict
         color = srgb_decode(straighten(color, seen.alpha)) * seen.alpha[..., None]
     planes: dict[str, NDArray[np.floating]] = {c: color[..., i].astype(np.float32) for i, c in enumerate("RGB")}
     planes |= {"A": seen.alpha, "depth.Z": seen.surface_z}
-    return planes | {f"N.{c}": seen.normal[..., i] for i, c in enumerate("XYZ")}
+    normal = turned_at_silhouettes(seen.normal, seen.alpha, View.of(camera, frame))
+    return planes | {f"N.{c}": np.ascontiguousarray(normal[..., i]) for i, c in enumerate("XYZ")}
 
 
 def _field(space: Workspace[Any]) -> GaussianField:

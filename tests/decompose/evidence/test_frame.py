@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.decompose.evidence.scenes import RELIGHT, around, inputs, look_from, smooth_light
+from yesnt.decompose.evidence import frame
 from yesnt.decompose.evidence.frame import PLATE, measure_frame
 from yesnt.decompose.evidence.settings import EvidenceSettings
 
@@ -132,6 +133,18 @@ def test_a_capture_that_sees_nothing_of_the_plate_changes_nothing() -> None:
     np.testing.assert_array_equal(found.mean[0], given.surface.roughness)
     none, _ = measured(replace(given, views=[]))
     np.testing.assert_array_equal(none.std, given.spread)
+
+
+def test_a_camera_that_sees_only_the_rim_from_behind_changes_nothing(monkeypatch) -> None:
+    azimuth = np.radians(-90 + 130)
+    behind = np.array([[np.cos(azimuth), np.sin(azimuth), 0]])
+    given, _ = inputs(np.concatenate([around(3), behind]), smooth_light(), 24)
+    without, _ = measured(replace(given, views=given.views[:3]))
+    np.testing.assert_array_equal(measured(given)[0].mean, without.mean)
+    monkeypatch.setattr(frame, "LEAST_SIGHT", 0.0)
+    used, _ = measured(given)
+    assert (used.views > without.views).any(), "it does see points"
+    assert (used.mean != without.mean).any()
 
 
 def test_nan_pixels_of_a_camera_are_not_observed() -> None:

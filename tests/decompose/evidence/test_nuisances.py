@@ -66,6 +66,30 @@ def test_what_is_right_is_left_alone_and_nothing_is_fitted_with_an_error_of_0() 
     np.testing.assert_allclose(still.light, 0, atol=1e-3)
 
 
+def noisy(case, seed):
+    """The same with noise of one standard deviation of the observations."""
+    seen, *others = case
+    noise = np.random.default_rng(seed).normal(size=seen.radiance.shape)
+    return seen._replace(radiance=(seen.radiance + seen.sigma * noise).astype(np.float32)), *others
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_moves_neither_a_true_light_nor_true_gains(seed: int) -> None:
+    found = fit_nuisances(*noisy(diffuse_case(np.zeros(TERMS), 1.0), seed), SETTINGS)
+    assert np.abs(found.gain - 1).max() < 0.01
+    assert np.abs(found.light).max() < 0.02
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_camera_that_is_brighter_by_5_percent_is_mended_through_noise(seed: int) -> None:
+    gain = np.ones((VIEWS, 1))
+    gain[2] = 1.05
+    found = fit_nuisances(*noisy(diffuse_case(np.zeros(TERMS), gain), seed), SETTINGS).gain
+    left = gain / found
+    assert np.abs(left / left.mean(axis=0) - 1).max() < 0.02
+    assert (found[2] / np.delete(found, 2, axis=0).mean(axis=0) > 1.025).all()
+
+
 def test_points_that_no_camera_sees_tell_nothing() -> None:
     seen, *others = diffuse_case(np.r_[0, 0.2 * np.ones(8)], 1.0)
     found = fit_nuisances(seen._replace(valid=np.zeros_like(seen.valid)), *others, SETTINGS)

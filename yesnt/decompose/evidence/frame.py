@@ -51,6 +51,10 @@ F32 = NDArray[np.float32]
 PLATE = "plate"
 """Name of the delivered view among the cameras."""
 
+LEAST_SIGHT = 0.03
+"""Share of the subject that a camera sees, at least. One that sees less looks at it from behind: what it sees lies at
+the rim, where errors of the geometry are largest, and too few points tell whether it agrees with the others."""
+
 _PROBES = 1024
 """Points over which cameras are compared."""
 
@@ -197,10 +201,14 @@ class MeasuredFrame:
         points, samples = self._probes(views)
         of = responses(points, samples, self._scene, np.array(LEVELS))
         names = [PLATE, *(seen.view.name for seen in views)]
-        reasons, gains = left_out_views(names, self._weighed(points, samples), of, self._settings)
+        found = self._weighed(points, samples)
+        reasons, gains = left_out_views(names, found, of, self._settings)
         left_out |= reasons
         self._plate_agrees = PLATE not in reasons
         agreed = [seen for seen in views if seen.view.name not in reasons]
+        sights = dict(zip(names, found.valid.mean(axis=0), strict=True))
+        enough = [seen for seen in agreed if sights[seen.view.name] >= LEAST_SIGHT]
+        agreed = enough if len(enough) >= self._settings.least_views else agreed
         if len(agreed) < len(views):
             self._scene = replace(self._scene, shown=shown_radiance(self._inputs.proxy, agreed, self._settings))
         return agreed, gains

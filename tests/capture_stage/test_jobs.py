@@ -10,7 +10,7 @@ from yesnt.capture_stage.assets import MANIFEST
 from yesnt.capture_stage.cameras import look_at
 from yesnt.capture_stage.jobs import CAPTURE, SETS, RenderJob, render_jobs
 from yesnt.capture_stage.subjects import SUBJECTS, Human, Model, Shape
-from yesnt.capture_stage.tools import BLENDER_VARIABLE, find_tools
+from yesnt.capture_stage.tools import BLENDER_VARIABLE, find_tools, stage_tools
 from yesnt.core.errors import MissingPartError, UsageError
 from yesnt.decompose.settings import keyframe_after
 
@@ -139,3 +139,17 @@ def test_without_blender_the_error_says_how_to_get_it(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(MissingPartError, match="make blender"):
         find_tools(tmp_path)
+
+
+@pytest.mark.parametrize(("version", "good"), [("3.4.1", False), ("4.1.9", False), ("4.2.0", True), ("10.0.1", True)])
+def test_an_old_blender_is_refused_before_the_stage_is_rendered(monkeypatch, tmp_path, version, good):
+    program = tmp_path / "blender"
+    program.write_text(f'#!/bin/sh\necho "Blender {version}"\n')
+    program.chmod(0o755)
+    monkeypatch.setenv(BLENDER_VARIABLE, str(program))
+    assert find_tools(tmp_path).blender == str(program), "scenes of users are rendered by older ones too"
+    if good:
+        assert stage_tools(tmp_path).blender == str(program)
+        return
+    with pytest.raises(MissingPartError, match=f"too old for the virtual stage: Blender {version[:3]}.*4.2 or newer"):
+        stage_tools(tmp_path)

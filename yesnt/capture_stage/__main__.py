@@ -8,7 +8,7 @@ from pathlib import Path
 
 from yesnt.capture_stage.jobs import SETS, render_jobs
 from yesnt.capture_stage.render import render
-from yesnt.capture_stage.tools import find_tools
+from yesnt.capture_stage.tools import stage_tools
 
 _LOG = logging.getLogger("yesnt.capture_stage")
 
@@ -24,7 +24,7 @@ def main() -> None:
     parser.add_argument("--nice", type=int, default=0)
     arguments = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
-    tools = find_tools(arguments.cache, arguments.threads, arguments.nice)
+    tools = stage_tools(arguments.cache, arguments.threads, arguments.nice)
     for set_name in arguments.set_names:
         jobs = render_jobs(set_name, arguments.small)
         for number, job in enumerate(jobs, 1):

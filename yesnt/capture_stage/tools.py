@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 from collections.abc import Mapping, Sequence
@@ -39,6 +40,29 @@ class Tools:
     cache: str
     threads: int = 1
     niceness: int = 0
+
+
+OLDEST = (4, 2)
+"""The oldest Blender that the virtual stage's scripts run in; scenes of users are rendered by older ones too."""
+
+
+def stage_tools(cache: Path, threads: int = 1, niceness: int = 0) -> Tools:
+    """As `find_tools`, for rendering the virtual stage.
+
+    Raises:
+        MissingPartError: there is no Blender, or it is too old.
+    """
+    tools = find_tools(cache, threads, niceness)
+    if not _is_python(tools):
+        told = re.search(r"Blender (\d+)\.(\d+)", _run([tools.blender, "--version"], "Blender", 0, 60.0))
+        if told is not None and tuple(map(int, told.groups())) < OLDEST:
+            raise MissingPartError(
+                f"This Blender is too old for the virtual stage: {told.group()}",
+                tools.blender,
+                f"Blender {OLDEST[0]}.{OLDEST[1]} or newer, or a Python that has bpy",
+                f"run `make blender`, or set {BLENDER_VARIABLE} to yours",
+            )
+    return tools
 
 
 def find_tools(cache: Path, threads: int = 1, niceness: int = 0) -> Tools:

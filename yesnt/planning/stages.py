@@ -129,7 +129,7 @@ _ROWS = (
         channels=("flow", "validity"),
     ),
     Stage(
-        "evidence", 11, "frame", "observed, spread, plate, G-buffer, proxy, pictures of the capture's cameras; or "
+        "evidence", 12, "frame", "observed, spread, plate, G-buffer, proxy, pictures of the capture's cameras; or "
         "a measured frame and the flow to it; or the frames around it (only jobs with a capture or `evidence.time`)",
         Cost(1.0, 40.0, 600, 600, 5), "#5aa7a7",
         {

@@ -54,6 +54,16 @@ def test_a_highlight_in_the_plate_of_a_metal_leaves_its_base_colour() -> None:
     assert left < 0.3 * wrong
 
 
+@pytest.mark.parametrize(("metallic", "share"), [(0.0, 0.0), (0.5, 0.0), (0.7, 0.5), (0.9, 1.0), (1.0, 1.0)])
+def test_only_metals_leave_the_base_colour_of_the_plate(metallic, share) -> None:
+    seen, of, _, materials = shown(metallic)
+    seen.radiance[:, 0] *= 1.25
+    weight = base_by_views(seen, of, LEVELS, materials, SETTINGS)[:, 3]
+    lobe = SETTINGS.lobe_error  # all light is specular where metallic is 1
+    assert weight.max() <= share * lobe**2 / (lobe**2 + SETTINGS.sight_error**2) + 1e-6
+    assert (weight > 0).all() == (share > 0)
+
+
 def test_a_matt_surface_keeps_what_the_plate_shows_of_it() -> None:
     """Its texture is finer than what other cameras resolve."""
     seen, of, base, materials = shown(0.0)

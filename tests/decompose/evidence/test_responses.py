@@ -120,7 +120,7 @@ def test_what_shares_no_levels_is_summed_level_by_level() -> None:
 
 
 def beside_a_box(count, relight, random=None):
-    """Points on a plane beside a box, some unseen, towards one camera under a smooth light with a box that sends out light."""
+    """Points on a plane beside a box that sends out light, some unseen, towards one camera under a smooth light."""
     import trimesh
 
     random = random or np.random.default_rng(1)

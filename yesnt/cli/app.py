@@ -334,7 +334,8 @@ def _print_result(session: object, missing: list[dict[str, object]]) -> None:
         print(f"Missing: frame {row['frame']} of {row['stage']}: {row['why']}")
     from yesnt.report import write_report
 
-    print("\n".join([*result_lines(session.output), ""]), end="")
+    for line in result_lines(session.output):
+        print(line)
     print(f"Report:       {write_report(session)}")
     skipped = [row for row in missing if str(row["why"]).startswith(SKIPPED)]
     if len(missing) > len(skipped):

@@ -5,7 +5,8 @@ stays in the base colour. Other cameras see the point without it. The fit over a
 but it mixes pixels of several pictures. Both errors are predicted, and the fit counts by their ratio.
 
 A dielectric keeps the plate's: its lobe has no colour, and what the inversion leaves in its base colour shows the plate
-again under a like light, errors of normals and z included. That was worth up to 10 dB on black plastic.
+again under a like light, errors of normals and z included. docs/evidence.md says what
+that is worth.
 """
 
 from __future__ import annotations
